@@ -1,0 +1,57 @@
+//! `octavo extract`: a store, or a part of it, as a volume file again.
+
+use crate::exit::Answer;
+use crate::parse;
+use anyhow::bail;
+use clap::Args;
+use octree_store::{Region, Store};
+use preprocess::Volume;
+use preprocess::export::{ExportFormat, export};
+use std::path::PathBuf;
+
+/// Write a store, a level or a region as a volume file
+///
+/// Keeps the source's type, spacing and affine; world positions stay, at any level.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    octavo extract tooth.octavo -o tooth.nii.gz\n  \
+    octavo extract tooth.octavo --level 1 -o half.nii\n  \
+    octavo extract tooth.octavo --roi 20:80,20:80,0:161 -o part.raw")]
+pub(super) struct Extract {
+    /// The store
+    store: PathBuf,
+    /// The file: .raw, .nii or .nii.gz
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Level
+    #[arg(long, value_name = "L", default_value_t = 0)]
+    level: u8,
+    /// Part of the volume: half-open, in level-0 voxels; a coarser level gives every cell that
+    /// touches it
+    #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = parse::region)]
+    roi: Option<Region>,
+    /// Replace an existing file
+    #[arg(long)]
+    force: bool,
+}
+
+impl Extract {
+    pub(super) fn run(self) -> anyhow::Result<Answer> {
+        let Some(format) = ExportFormat::of_name(&self.output) else {
+            bail!("{}: its name must end in .raw, .nii or .nii.gz", self.output.display());
+        };
+        let store = Store::open(&self.store)?;
+        let dims_xyz = store.geometry().dims_xyz();
+        if let Some(roi) = self.roi.filter(|roi| !roi.lies_within(dims_xyz)) {
+            let Region { min, max } = roi;
+            return Err(octree_store::StoreError::Region { level: 0, min, max, dims_xyz }.into());
+        }
+        let region = self.roi.map(|roi| Region {
+            min: roi.min.map(|v| v >> self.level),
+            max: roi.max.map(|v| ((v - 1) >> self.level) + 1),
+        });
+        let volume = Volume::of_store(store, self.level, region)?;
+        export(&volume, &self.output, format, self.force)?;
+        Ok(Answer::Done)
+    }
+}

@@ -1,0 +1,114 @@
+//! `octavo info`: what a store holds, and how good it is.
+
+use super::{by, human_bytes, print_json};
+use crate::exit::Answer;
+use crate::info_json::{InfoJson, bits_per_voxel};
+use clap::Args;
+use octree_store::{Metadata, Store};
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+/// Show what a store holds and how good it is
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  octavo info tooth.octavo --json")]
+pub(super) struct Info {
+    /// The store
+    store: PathBuf,
+    /// Print JSON (schema octavo.info/1)
+    #[arg(long)]
+    json: bool,
+}
+
+impl Info {
+    pub(super) fn run(self) -> anyhow::Result<Answer> {
+        let store = Store::open(&self.store)?;
+        let file_bytes = std::fs::metadata(&self.store)?.len();
+        if self.json {
+            print_json(&InfoJson::new(store.metadata(), file_bytes))?;
+        } else {
+            print(store.metadata(), file_bytes)?;
+        }
+        Ok(Answer::Done)
+    }
+}
+
+/// The errors of level 0 in words.
+pub(super) fn error_line(metadata: &Metadata) -> String {
+    let Some(level) = metadata.levels.first() else { return String::new() };
+    match metadata.psnr_db() {
+        Some(psnr) => {
+            format!(
+                "RMS {:.4}, AMAX {}, PSNR {psnr:.1} dB at full resolution",
+                level.rms, level.amax
+            )
+        }
+        None if level.amax == 0.0 => "no error at full resolution".into(),
+        None => format!("RMS {:.4}, AMAX {} at full resolution", level.rms, level.amax),
+    }
+}
+
+/// What was dropped, in words.
+pub(super) fn dropped_line(metadata: &Metadata) -> String {
+    format!(
+        "{} voxels in dropped bricks read as {}: RMS {:.4}, AMAX {} there",
+        metadata.dropped_voxels, metadata.empty_value, metadata.dropped_rms, metadata.dropped_amax
+    )
+}
+
+fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    let [sx, sy, sz] = metadata.spacing_xyz;
+    writeln!(out, "source       {}", metadata.source.path)?;
+    writeln!(out, "volume       {} {} voxels", by(metadata.dims_xyz), metadata.sample_type)?;
+    writeln!(out, "spacing      {sx} x {sy} x {sz} {}", metadata.unit.name())?;
+    writeln!(out, "affine       {}", if metadata.affine.is_some() { "kept" } else { "none" })?;
+    if let (Some(min), Some(max)) = (metadata.value_min, metadata.value_max) {
+        let mean = metadata.value_mean.map_or(String::new(), |mean| format!(", mean {mean:.4}"));
+        writeln!(out, "values       {min} to {max}{mean}")?;
+    }
+    if metadata.nan_count + metadata.inf_count > 0 {
+        writeln!(out, "no numbers   {} NaN, {} infinite", metadata.nan_count, metadata.inf_count)?;
+    }
+    writeln!(
+        out,
+        "bricks       {}^3 + {} overlap, {}",
+        metadata.brick_core,
+        metadata.brick_overlap,
+        metadata.encoding.name()
+    )?;
+    writeln!(
+        out,
+        "size         {} in the file, {:.2} bits a voxel, {} of payload",
+        human_bytes(file_bytes),
+        bits_per_voxel(metadata, file_bytes),
+        human_bytes(metadata.payload_bytes)
+    )?;
+    writeln!(out, "error        {}", error_line(metadata))?;
+    if metadata.dropped_voxels > 0 {
+        writeln!(out, "dropped      {}", dropped_line(metadata))?;
+    }
+    writeln!(out, "made by      {}", metadata.created_by)?;
+    writeln!(out, "digest       {}", metadata.digest)?;
+    writeln!(
+        out,
+        "\nlevel {:>18} {:>8} {:>8} {:>8} {:>12} {:>10} {:>10} {:>10} {:>10}",
+        "voxels", "stored", "uniform", "empty", "payload", "RMS", "AMAX", "LOD RMS <", "LOD AMAX <"
+    )?;
+    for level in &metadata.levels {
+        writeln!(
+            out,
+            "{:5} {:>18} {:>8} {:>8} {:>8} {:>12} {:>10.4} {:>10.4} {:>10.3} {:>10.3}",
+            level.level,
+            by(level.dims_xyz),
+            level.stored,
+            level.uniform,
+            level.empty,
+            human_bytes(level.payload_bytes),
+            level.rms,
+            level.amax,
+            level.lod_rms_bound,
+            level.lod_amax_bound
+        )?;
+    }
+    Ok(())
+}

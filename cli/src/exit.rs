@@ -1,0 +1,65 @@
+//! Exit codes: 0 done; 1 the command worked and the answer is no; 2 wrong usage or unusable input;
+//! 3 the environment failed.
+
+use octree_store::StoreError;
+use preprocess::{PreprocessError, SourceError};
+use std::io;
+use std::process::ExitCode;
+
+/// What a command found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Answer {
+    /// It did what was asked.
+    Done,
+    /// It worked, and the answer is no.
+    No,
+}
+
+/// Says what went wrong, on stderr, and gives the exit code.
+pub(crate) fn code_of(result: anyhow::Result<Answer>) -> ExitCode {
+    match result {
+        Ok(Answer::Done) => ExitCode::SUCCESS,
+        Ok(Answer::No) => ExitCode::from(1),
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("octavo: {error:#}");
+            ExitCode::from(if is_environment(error) { 3 } else { 2 })
+        }
+    }
+}
+
+/// Whoever read our output has seen enough.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    let error = error.downcast_ref::<io::Error>();
+    error.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+}
+
+fn is_environment(error: anyhow::Error) -> bool {
+    let error = error
+        .downcast::<StoreError>()
+        .map(PreprocessError::from)
+        .or_else(|error| error.downcast::<SourceError>().map(PreprocessError::from))
+        .or_else(anyhow::Error::downcast::<PreprocessError>);
+    match error {
+        Ok(error) => error.is_environment(),
+        Err(error) => error.chain().any(|cause| cause.is::<io::Error>()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn a_full_disk_is_the_environments_fault_and_a_missing_file_the_users() {
+        let failed = |kind: io::ErrorKind| {
+            PreprocessError::from(StoreError::Io { path: "a".into(), source: kind.into() })
+        };
+        assert!(is_environment(failed(io::ErrorKind::StorageFull).into()));
+        assert!(!is_environment(failed(io::ErrorKind::PermissionDenied).into()));
+        assert!(!is_environment(SourceError::Missing { path: "a".into() }.into()));
+        let written: Result<(), _> = Err(io::Error::from(io::ErrorKind::StorageFull));
+        assert!(is_environment(written.context("a.png").unwrap_err()));
+    }
+}

@@ -1,0 +1,102 @@
+//! The JSON of `info` and of conversion reports: schema `octavo.info/1`.
+
+use octree_store::{FORMAT_VERSION, LevelSummary, Metadata, SampleType};
+use serde::Serialize;
+use serde_json::{Map, Number, Value};
+
+#[derive(Serialize)]
+pub(crate) struct InfoJson<'a> {
+    schema: &'static str,
+    format_version: u32,
+    complete: bool,
+    digest: &'a str,
+    dims_xyz: [u64; 3],
+    spacing_xyz: [f64; 3],
+    unit: &'static str,
+    affine: Option<[[f64; 4]; 4]>,
+    sample_type: SampleType,
+    encoding: &'static str,
+    brick_core: u32,
+    brick_overlap: u32,
+    stored_overlap: bool,
+    downsample: Value,
+    empty_below: Option<f64>,
+    empty_value: Value,
+    value_min: Value,
+    value_max: Value,
+    value_mean: Option<f64>,
+    nan_count: u64,
+    inf_count: u64,
+    rms: f64,
+    amax: f64,
+    psnr_db: Option<f64>,
+    dropped_voxels: u64,
+    dropped_rms: f64,
+    dropped_amax: f64,
+    bits_per_voxel: f64,
+    levels: &'a [LevelSummary],
+    payload_bytes: u64,
+    file_bytes: u64,
+    source: &'a octree_store::SourceDescription,
+    created_by: &'a str,
+    created_unix_secs: u64,
+    options: Map<String, Value>,
+}
+
+impl<'a> InfoJson<'a> {
+    pub(crate) fn new(metadata: &'a Metadata, file_bytes: u64) -> Self {
+        let first = metadata.levels.first();
+        let value = |v: Option<f64>| v.map_or(Value::Null, |v| number(v, metadata.sample_type));
+        Self {
+            schema: "octavo.info/1",
+            format_version: FORMAT_VERSION,
+            complete: metadata.complete,
+            digest: &metadata.digest,
+            dims_xyz: metadata.dims_xyz,
+            spacing_xyz: metadata.spacing_xyz,
+            unit: metadata.unit.name(),
+            affine: metadata.affine,
+            sample_type: metadata.sample_type,
+            encoding: metadata.encoding.name(),
+            brick_core: metadata.brick_core,
+            brick_overlap: metadata.brick_overlap,
+            stored_overlap: metadata.stored_overlap,
+            downsample: serde_json::to_value(metadata.downsample).unwrap_or(Value::Null),
+            empty_below: metadata.empty_below,
+            empty_value: number(metadata.empty_value, metadata.sample_type),
+            value_min: value(metadata.value_min),
+            value_max: value(metadata.value_max),
+            value_mean: metadata.value_mean,
+            nan_count: metadata.nan_count,
+            inf_count: metadata.inf_count,
+            rms: first.map_or(0.0, |level| level.rms),
+            amax: first.map_or(0.0, |level| level.amax),
+            psnr_db: metadata.psnr_db(),
+            dropped_voxels: metadata.dropped_voxels,
+            dropped_rms: metadata.dropped_rms,
+            dropped_amax: metadata.dropped_amax,
+            bits_per_voxel: bits_per_voxel(metadata, file_bytes),
+            levels: &metadata.levels,
+            payload_bytes: metadata.payload_bytes,
+            file_bytes,
+            source: &metadata.source,
+            created_by: &metadata.created_by,
+            created_unix_secs: metadata.created_unix_secs,
+            options: metadata.options.clone().into_iter().collect(),
+        }
+    }
+}
+
+/// Bits of the file for each voxel of level 0: the whole pyramid is in it.
+pub(crate) fn bits_per_voxel(metadata: &Metadata, file_bytes: u64) -> f64 {
+    8.0 * file_bytes as f64 / metadata.dims_xyz.iter().map(|&n| n as f64).product::<f64>()
+}
+
+/// A value of a sample type: integers without a decimal point.
+pub(crate) fn number(value: f64, sample_type: SampleType) -> Value {
+    if sample_type.is_integer() && value.fract() == 0.0 && value.abs() < 9e15 {
+        Value::from(value as i64)
+    } else {
+        Number::from_f64(value).map_or(Value::Null, Value::Number)
+    }
+}

@@ -1,0 +1,16 @@
+//! `octavo`: volumes become stores, and stores can be looked into.
+
+mod chart;
+mod commands;
+mod exit;
+mod info_json;
+mod parse;
+mod picture;
+mod progress;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    exit::code_of(commands::Octavo::parse().run())
+}

@@ -1,0 +1,199 @@
+//! From a brick's samples to a payload and back.
+//!
+//! An encoding turns samples into bytes ([`quantised8`], [`lossless`]), a filter arranges them, a
+//! compression packs them ([`payload`]). Each has an id in FORMAT.md.
+
+pub mod lossless;
+pub mod payload;
+pub mod quantised8;
+
+use crate::error_sum::ErrorSum;
+use crate::key::NodeKey;
+use crate::record::{BrickState, NodeRecord, PayloadPlace};
+use crate::sample::Sample;
+use serde::{Deserialize, Serialize};
+
+/// How samples become the payload's bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum Encoding {
+    /// Eight bits a sample, linear over the brick's range.
+    #[serde(rename = "u8")]
+    Quantised8 = 1,
+    /// The source's own type, bit exact.
+    #[serde(rename = "lossless")]
+    Lossless = 2,
+}
+
+impl Encoding {
+    /// The encoding with this id in FORMAT.md.
+    pub fn from_id(id: u8) -> Option<Self> {
+        [Self::Quantised8, Self::Lossless].into_iter().find(|encoding| *encoding as u8 == id)
+    }
+
+    /// The name used on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quantised8 => "u8",
+            Self::Lossless => "lossless",
+        }
+    }
+
+    /// Bits a sample of type `T` has in the payload before compression.
+    pub fn bits<T: Sample>(self) -> u8 {
+        match self {
+            Self::Quantised8 => 8,
+            Self::Lossless => 8 * size_of::<T>() as u8,
+        }
+    }
+}
+
+/// How a payload's bytes are arranged before compression.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Filter {
+    /// In order.
+    None = 0,
+    /// All first bytes of the samples, then all second bytes, and so on.
+    ByteShuffle = 1,
+}
+
+impl Filter {
+    /// The filter with this id in FORMAT.md.
+    pub fn from_id(id: u8) -> Option<Self> {
+        [Self::None, Self::ByteShuffle].into_iter().find(|filter| *filter as u8 == id)
+    }
+}
+
+/// How a payload's bytes are compressed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Compression {
+    /// Not at all: compression would have gained nothing.
+    Raw = 0,
+    /// One LZ4 block without a length prefix.
+    Lz4 = 1,
+}
+
+impl Compression {
+    /// The compression with this id in FORMAT.md.
+    pub fn from_id(id: u8) -> Option<Self> {
+        [Self::Raw, Self::Lz4].into_iter().find(|compression| *compression as u8 == id)
+    }
+}
+
+/// The finite range of samples, or `None` where there is no finite one.
+pub fn finite_range<T: Sample>(samples: &[T]) -> Option<(T, T)> {
+    // Without a branch a sample: what is not finite takes the place of an identity.
+    let (min, max) = samples.iter().fold((T::GREATEST, T::LEAST), |(min, max), &v| {
+        let low = if v.is_finite() { v } else { T::GREATEST };
+        let high = if v.is_finite() { v } else { T::LEAST };
+        (if low < min { low } else { min }, if high > max { high } else { max })
+    });
+    if min <= max && (T::TYPE.is_integer() || samples.iter().any(|v| v.is_finite())) {
+        Some((min, max))
+    } else {
+        None
+    }
+}
+
+/// A brick's record and payload, with the error counted over `measured` samples of it.
+///
+/// `samples` is the whole brick; `measured` yields the indices of its in-volume core voxels. The
+/// record's ranges are the brick's own; its place, child mask and LOD bounds are left at zero.
+pub fn encode_brick<T: Sample>(
+    key: NodeKey,
+    samples: &[T],
+    encoding: Encoding,
+    measured: impl Iterator<Item = std::ops::Range<usize>>,
+    scratch: &mut EncodeScratch,
+) -> (NodeRecord, Vec<u8>) {
+    let range = finite_range(samples);
+    // A brick without a finite sample has no range; 0 stands for it.
+    let (min, max) = range.unwrap_or_default();
+    let mut record = NodeRecord {
+        key,
+        state: BrickState::Stored,
+        encoding,
+        bits: encoding.bits::<T>(),
+        filter: Filter::None,
+        compression: Compression::Raw,
+        child_mask: 0,
+        place: PayloadPlace::default(),
+        payload_checksum: 0,
+        brick_min: min.to_f64(),
+        brick_max: max.to_f64(),
+        subtree_min: min.to_f64(),
+        subtree_max: max.to_f64(),
+        error: ErrorSum::default(),
+        lod_rms_bound: 0.0,
+        lod_amax_bound: 0.0,
+    };
+    let uniform = match encoding {
+        Encoding::Quantised8 => min == max,
+        Encoding::Lossless => {
+            range.is_some() && samples.iter().all(|sample| sample.same_bits(samples[0]))
+        }
+    };
+    let payload = match encoding {
+        _ if uniform => {
+            record.state = BrickState::Uniform;
+            record.bits = 0;
+            count_finite(samples, measured, &mut record.error);
+            Vec::new()
+        }
+        Encoding::Quantised8 => {
+            let quantiser = quantised8::Quantiser::new(min, max);
+            scratch.bytes.resize(samples.len(), 0);
+            quantiser.quantise(samples, &mut scratch.bytes);
+            let table = quantiser.table();
+            let mut decoded = [T::default(); 128];
+            for span in measured {
+                let rows = samples[span.clone()].chunks(128).zip(scratch.bytes[span].chunks(128));
+                for (samples, codes) in rows {
+                    quantised8::decode(&table, codes, &mut decoded[..codes.len()]);
+                    record.error.add_all(samples, &decoded);
+                }
+            }
+            payload::compress(&scratch.bytes, &mut record, &mut scratch.packed)
+        }
+        Encoding::Lossless => {
+            count_finite(samples, measured, &mut record.error);
+            lossless::shuffle(samples, &mut scratch.bytes);
+            record.filter = if size_of::<T>() > 1 { Filter::ByteShuffle } else { Filter::None };
+            payload::compress(&scratch.bytes, &mut record, &mut scratch.packed)
+        }
+    };
+    (record, payload)
+}
+
+/// Counts finite samples, all of which come back exactly.
+fn count_finite<T: Sample>(
+    samples: &[T],
+    measured: impl Iterator<Item = std::ops::Range<usize>>,
+    error: &mut ErrorSum,
+) {
+    for span in measured {
+        error.voxels += samples[span].iter().filter(|v| v.is_finite()).count() as u64;
+    }
+}
+
+/// A brick's record and payload, with the error counted over every sample.
+///
+/// For bricks made by hand; a conversion counts in-volume core voxels alone
+/// ([`encode_brick`]).
+pub fn encode_samples<T: Sample>(
+    key: NodeKey,
+    samples: &[T],
+    encoding: Encoding,
+) -> (NodeRecord, Vec<u8>) {
+    let all = std::iter::once(0..samples.len());
+    encode_brick(key, samples, encoding, all, &mut EncodeScratch::default())
+}
+
+/// Buffers that [`encode_brick`] keeps from brick to brick.
+#[derive(Debug, Default)]
+pub struct EncodeScratch {
+    bytes: Vec<u8>,
+    packed: Vec<u8>,
+}

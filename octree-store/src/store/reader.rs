@@ -1,0 +1,403 @@
+//! Reading a store: from any number of threads, and several processes at once.
+
+use super::guard::{Failure, guard};
+use super::tables::ReadTables;
+use super::{PAGE_BYTES, page_key};
+use crate::encoding::{Encoding, lossless, payload, quantised8};
+use crate::error::{Damage, StoreError};
+use crate::geometry::Geometry;
+use crate::key::NodeKey;
+use crate::metadata::{FORMAT_VERSION, Metadata, MetadataError};
+use crate::record::{BrickState, NodeRecord};
+use crate::sample::{Sample, SampleBuffer};
+use crate::with_sample_type;
+use redb::{Builder, ReadOnlyDatabase};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// How to open a store for reading.
+#[derive(Debug, Clone, Copy)]
+pub struct OpenOptions {
+    /// Bytes of redb's page cache (default 64 MiB).
+    pub cache_bytes: usize,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { cache_bytes: 64 << 20 }
+    }
+}
+
+impl OpenOptions {
+    /// Opens a complete store for reading.
+    ///
+    /// # Errors
+    /// When the file cannot be read, is no store, is of a later version, was never finished, is
+    /// being written, or its metadata is damaged.
+    pub fn open(&self, path: impl AsRef<Path>) -> Result<Store, StoreError> {
+        let path = path.as_ref();
+        check_magic(path)?;
+        let database =
+            guard(|| Builder::new().set_cache_size(self.cache_bytes).open_read_only(path))
+                .map_err(|failure| failure.at(path))?;
+        let tables = ReadTables::open(&database).map_err(|failure| match failure {
+            Failure::Corrupt(what) if what.contains("does not exist") => {
+                StoreError::Incomplete { path: path.to_owned() }
+            }
+            other => other.at(path),
+        })?;
+        let incomplete = || StoreError::Incomplete { path: path.to_owned() };
+        let bytes = tables.metadata().map_err(|_| incomplete())?.ok_or_else(incomplete)?;
+        let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
+            MetadataError::Newer(found) => {
+                StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
+            }
+            other => StoreError::MetadataDamaged { path: path.to_owned(), what: other.to_string() },
+        })?;
+        if !metadata.complete {
+            return Err(incomplete());
+        }
+        let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
+            path: path.to_owned(),
+            what: error.to_string(),
+        })?;
+        Ok(Store { path: path.to_owned(), metadata, geometry, tables, _database: database })
+    }
+}
+
+/// Every redb file begins with these bytes; anything else gets a message of its own.
+fn check_magic(path: &Path) -> Result<(), StoreError> {
+    const REDB_MAGIC: [u8; 9] = *b"redb\x1a\x0a\xa9\x0d\x0a";
+    let io_error = |source| StoreError::Io { path: path.to_owned(), source };
+    let file = File::open(path).map_err(io_error)?;
+    let metadata = file.metadata().map_err(io_error)?;
+    let not_a_store = |found| Err(StoreError::NotAStore { path: path.to_owned(), found });
+    if metadata.is_dir() {
+        return not_a_store("it is a folder");
+    }
+    let mut start = Vec::new();
+    file.take(REDB_MAGIC.len() as u64).read_to_end(&mut start).map_err(io_error)?;
+    match start.as_slice() {
+        [] => not_a_store("it is an empty file"),
+        start if *start == REDB_MAGIC => Ok(()),
+        _ => not_a_store("it does not begin as a store does"),
+    }
+}
+
+/// Buffers that reading keeps from brick to brick: one a thread.
+#[derive(Debug, Default)]
+pub struct BrickScratch {
+    payload: Vec<u8>,
+    unpacked: Vec<u8>,
+}
+
+/// The records of a node's children, in octant order.
+#[derive(Debug, Clone, Copy)]
+pub struct Children {
+    records: [Option<NodeRecord>; 8],
+}
+
+impl Children {
+    /// The child in octant `x + 2y + 4z`, if it exists.
+    pub fn get(&self, octant: usize) -> Option<&NodeRecord> {
+        self.records.get(octant)?.as_ref()
+    }
+
+    /// The children that exist.
+    pub fn iter(&self) -> impl Iterator<Item = &NodeRecord> {
+        self.records.iter().flatten()
+    }
+}
+
+/// A complete store, open for reading.
+///
+/// All methods take `&self` and may be called from any number of threads; no lock is held while
+/// a brick is decoded.
+pub struct Store {
+    path: PathBuf,
+    metadata: Metadata,
+    geometry: Geometry,
+    tables: ReadTables,
+    _database: ReadOnlyDatabase,
+}
+
+impl std::fmt::Debug for Store {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Store").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+impl Store {
+    /// Opens a complete store for reading, with the default options.
+    ///
+    /// # Errors
+    /// As [`OpenOptions::open`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, StoreError> {
+        OpenOptions::default().open(path)
+    }
+
+    /// The store's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the volume is and how it was converted.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The volume's folding into bricks.
+    pub fn geometry(&self) -> &Geometry {
+        &self.geometry
+    }
+
+    /// The record of a node.
+    ///
+    /// # Errors
+    /// [`StoreError::Absent`] where the volume has no such node; [`StoreError::Damaged`] where
+    /// it must have a record and none that is whole can be read.
+    pub fn node(&self, key: NodeKey) -> Result<NodeRecord, StoreError> {
+        if !self.geometry.contains(key) {
+            return Err(StoreError::Absent { path: self.path.clone(), key });
+        }
+        let group =
+            self.tables.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
+        let group = group.ok_or_else(|| self.damaged(key, Damage::RecordMissing))?;
+        self.record_in(&group, key)
+    }
+
+    /// The records of all children of a node, in one read.
+    ///
+    /// # Errors
+    /// As [`Store::node`], for the node or any child.
+    pub fn children(&self, parent: NodeKey) -> Result<Children, StoreError> {
+        let mut records = [None; 8];
+        if !self.geometry.contains(parent) {
+            return Err(StoreError::Absent { path: self.path.clone(), key: parent });
+        }
+        if parent.level() > 0 {
+            let group =
+                self.tables.nodes(parent.to_u64()).map_err(|failure| self.at(parent, failure))?;
+            for (octant, child) in parent.children().into_iter().enumerate() {
+                if self.geometry.contains(child) {
+                    let group =
+                        group.as_ref().ok_or_else(|| self.damaged(child, Damage::RecordMissing))?;
+                    records[octant] = Some(self.record_in(group, child)?);
+                }
+            }
+        }
+        Ok(Children { records })
+    }
+
+    /// Calls `visit` for every record of a level in key order until it returns false.
+    ///
+    /// # Errors
+    /// As [`Store::node`], for any node of the level.
+    pub fn visit_level(
+        &self,
+        level: u8,
+        mut visit: impl FnMut(&NodeRecord) -> bool,
+    ) -> Result<(), StoreError> {
+        let first = NodeKey::first_of_level(level).parent().to_u64();
+        let last = NodeKey::last_of_level(level).parent().to_u64();
+        let mut outcome = Ok(());
+        let mut visited = 0;
+        let mut stopped = false;
+        let read = self.tables.visit_nodes(first..=last, |parent, group| {
+            let Some(parent) = NodeKey::from_u64(parent) else { return true };
+            for child in parent.children() {
+                if !self.geometry.contains(child) {
+                    continue;
+                }
+                match self.record_in(group, child) {
+                    Ok(record) => {
+                        visited += 1;
+                        stopped = !visit(&record);
+                    }
+                    Err(error) => outcome = Err(error),
+                }
+                if stopped || outcome.is_err() {
+                    return false;
+                }
+            }
+            true
+        });
+        read.map_err(|failure| self.at(NodeKey::first_of_level(level), failure))?;
+        outcome?;
+        if !stopped && visited != self.geometry.bricks_at(level) {
+            return Err(self.damaged(NodeKey::first_of_level(level), Damage::RecordMissing));
+        }
+        Ok(())
+    }
+
+    /// A brick's payload as it is stored, checked against its checksum; empty where it has none.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`] where it is not what was written.
+    pub fn read_payload<'a>(
+        &self,
+        record: &NodeRecord,
+        scratch: &'a mut BrickScratch,
+    ) -> Result<&'a [u8], StoreError> {
+        let BrickScratch { payload, .. } = scratch;
+        self.fetch_payload(record, payload)?;
+        Ok(payload)
+    }
+
+    /// Reads and decodes a brick into the caller's buffer, overlap included, x fastest; returns
+    /// its record. Uniform and empty bricks are filled in.
+    ///
+    /// # Errors
+    /// As [`Store::node`] and [`Store::decode_brick`].
+    pub fn read_brick<T: Sample>(
+        &self,
+        key: NodeKey,
+        scratch: &mut BrickScratch,
+        samples: &mut [T],
+    ) -> Result<NodeRecord, StoreError> {
+        let record = self.node(key)?;
+        self.decode_brick(&record, scratch, samples)?;
+        Ok(record)
+    }
+
+    /// Reads and decodes the brick of a record into the caller's buffer of
+    /// [`Geometry::brick_samples`] samples.
+    ///
+    /// # Errors
+    /// When the payload is damaged, the store's samples are not `T`, or the buffer does not fit.
+    pub fn decode_brick<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+        samples: &mut [T],
+    ) -> Result<(), StoreError> {
+        self.check_type::<T>()?;
+        let expected = self.geometry.brick_samples();
+        if samples.len() != expected {
+            return Err(StoreError::BufferLength { expected, found: samples.len() });
+        }
+        match record.state {
+            BrickState::Uniform => samples.fill(T::from_f64(record.brick_min)),
+            BrickState::Empty => samples.fill(T::from_f64(self.metadata.empty_value)),
+            BrickState::Stored => {
+                let BrickScratch { payload, unpacked } = scratch;
+                self.fetch_payload(record, payload)?;
+                decode_payload(record, payload, unpacked, samples)
+                    .map_err(|damage| self.damaged(record.key, damage))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads and decodes a brick of whatever type the store has.
+    ///
+    /// # Errors
+    /// As [`Store::read_brick`].
+    pub fn read_brick_samples(
+        &self,
+        key: NodeKey,
+    ) -> Result<(NodeRecord, SampleBuffer), StoreError> {
+        with_sample_type!(self.metadata.sample_type, T => {
+            let mut samples = vec![T::default(); self.geometry.brick_samples()];
+            let record = self.read_brick(key, &mut BrickScratch::default(), &mut samples)?;
+            Ok((record, T::wrap(samples)))
+        })
+    }
+
+    /// Checks that the store's samples are `T`.
+    pub(crate) fn check_type<T: Sample>(&self) -> Result<(), StoreError> {
+        let stored = self.metadata.sample_type;
+        if T::TYPE == stored {
+            Ok(())
+        } else {
+            Err(StoreError::SampleType { stored, asked: T::TYPE })
+        }
+    }
+
+    /// The error for a damaged node of this store.
+    pub(crate) fn damaged(&self, key: NodeKey, damage: Damage) -> StoreError {
+        StoreError::Damaged { path: self.path.clone(), key, damage }
+    }
+
+    /// The record of `key` among its siblings' bytes.
+    fn record_in(&self, group: &[u8], key: NodeKey) -> Result<NodeRecord, StoreError> {
+        let siblings = key.parent().children();
+        let before =
+            siblings[..key.octant()].iter().filter(|k| self.geometry.contains(**k)).count();
+        let bytes = group
+            .get(before * NodeRecord::BYTES..(before + 1) * NodeRecord::BYTES)
+            .ok_or_else(|| self.damaged(key, Damage::RecordMissing))?;
+        let record = NodeRecord::from_bytes(bytes)
+            .ok_or_else(|| self.damaged(key, Damage::RecordChecksum))?;
+        if record.key == key {
+            Ok(record)
+        } else {
+            Err(self.damaged(key, Damage::RecordOfAnotherNode))
+        }
+    }
+
+    /// Copies a record's payload out of the stream's pages and checks it.
+    fn fetch_payload(&self, record: &NodeRecord, payload: &mut Vec<u8>) -> Result<(), StoreError> {
+        payload.clear();
+        let place = record.place;
+        if place.length == 0 {
+            return Ok(());
+        }
+        let page_bytes = PAGE_BYTES as u64;
+        // What a damaged record asks for must not be allocated before it is there.
+        let end = place.offset.checked_add(u64::from(place.length));
+        let limit = 2 * self.geometry.brick_samples() * self.metadata.sample_type.bytes() + 1024;
+        let Some(end) =
+            end.filter(|end| end / page_bytes < 1 << 48 && place.length as usize <= limit)
+        else {
+            return Err(self.damaged(record.key, Damage::Tree { what: "its payload's place" }));
+        };
+        let (first, last) = (place.offset / page_bytes, (end - 1) / page_bytes);
+        let pages = page_key(place.stream, first)..=page_key(place.stream, last);
+        let mut next = first;
+        let read = self.tables.visit_pages(pages, |key, page| {
+            let from = if next == first { (place.offset % page_bytes) as usize } else { 0 };
+            let to = if next == last { ((end - 1) % page_bytes + 1) as usize } else { PAGE_BYTES };
+            let bytes = page.get(from..to).filter(|_| key == page_key(place.stream, next));
+            payload.extend_from_slice(bytes.unwrap_or_default());
+            next += u64::from(bytes.is_some());
+            bytes.is_some()
+        });
+        read.map_err(|failure| self.at(record.key, failure))?;
+        if next != last + 1 {
+            let damage = Damage::PayloadMissing { stream: place.stream, page: next };
+            return Err(self.damaged(record.key, damage));
+        }
+        payload::check(record, payload).map_err(|damage| self.damaged(record.key, damage))
+    }
+
+    /// The error for a failure of the database while a node was read.
+    fn at(&self, key: NodeKey, failure: Failure) -> StoreError {
+        match failure {
+            Failure::Corrupt(what) => self.damaged(key, Damage::Database { what }),
+            other => other.at(&self.path),
+        }
+    }
+}
+
+/// Decodes a checked payload into samples.
+fn decode_payload<T: Sample>(
+    record: &NodeRecord,
+    payload: &[u8],
+    unpacked: &mut Vec<u8>,
+    samples: &mut [T],
+) -> Result<(), Damage> {
+    match record.encoding {
+        Encoding::Quantised8 => {
+            let codes = payload::unpack(record, payload, samples.len(), unpacked)?;
+            let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
+            quantised8::decode(&quantised8::Quantiser::new(min, max).table(), codes, samples);
+        }
+        Encoding::Lossless => {
+            let bytes = payload::unpack(record, payload, size_of_val(samples), unpacked)?;
+            lossless::unshuffle(bytes, samples);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! Sums over all records: what the metadata says of levels, errors and dropped voxels.
+//!
+//! The sums are made in key order from the records alone, so they depend neither on threads nor on
+//! the order of work, and a verification can make them anew.
+
+use crate::error_sum::ErrorSum;
+use crate::exact_sum::CompensatedSum;
+use crate::geometry::Geometry;
+use crate::metadata::{LevelSummary, Metadata};
+use crate::record::{BrickState, NodeRecord};
+
+/// Records being summed up.
+#[derive(Debug)]
+pub(crate) struct Summary {
+    geometry: Geometry,
+    levels: Vec<LevelSums>,
+    dropped: Errors,
+}
+
+#[derive(Debug, Default)]
+struct LevelSums {
+    stored: u64,
+    uniform: u64,
+    empty: u64,
+    payload_bytes: u64,
+    kept: Errors,
+    lod_weight: u64,
+    lod_squares: CompensatedSum,
+    lod_amax: f64,
+}
+
+#[derive(Debug, Default)]
+struct Errors {
+    voxels: u64,
+    squares: CompensatedSum,
+    amax: f64,
+}
+
+impl Errors {
+    fn add(&mut self, error: &ErrorSum) {
+        self.voxels += error.voxels;
+        self.squares.add(error.squares);
+        self.amax = self.amax.max(error.amax);
+    }
+
+    fn total(&self) -> ErrorSum {
+        ErrorSum { voxels: self.voxels, squares: self.squares.value(), amax: self.amax }
+    }
+}
+
+impl Summary {
+    pub(crate) fn new(geometry: &Geometry) -> Self {
+        let levels = geometry.levels().map(|_| LevelSums::default()).collect();
+        Self { geometry: *geometry, levels, dropped: Errors::default() }
+    }
+
+    /// Adds the next record in key order; records outside the geometry are passed over.
+    pub(crate) fn add(&mut self, record: &NodeRecord) {
+        let Some(level) = self.levels.get_mut(usize::from(record.key.level())) else { return };
+        if !self.geometry.contains(record.key) {
+            return;
+        }
+        match record.state {
+            BrickState::Stored => level.stored += 1,
+            BrickState::Uniform => level.uniform += 1,
+            BrickState::Empty => level.empty += 1,
+        }
+        level.payload_bytes += u64::from(record.place.length);
+        if record.state != BrickState::Empty {
+            level.kept.add(&record.error);
+        } else if record.key.level() == 0 {
+            self.dropped.add(&record.error);
+        }
+        let weight = self.geometry.voxels_beneath(record.key);
+        level.lod_weight += weight;
+        level.lod_squares.add(weight as f64 * record.lod_rms_bound * record.lod_rms_bound);
+        level.lod_amax = level.lod_amax.max(record.lod_amax_bound);
+    }
+
+    /// Writes the sums into the metadata.
+    pub(crate) fn write_into(&self, metadata: &mut Metadata) {
+        metadata.levels =
+            (0_u8..).zip(&self.levels).map(|(level, sums)| self.level(level, sums)).collect();
+        metadata.payload_bytes = self.levels.iter().map(|level| level.payload_bytes).sum();
+        let dropped = self.dropped.total();
+        metadata.dropped_voxels = dropped.voxels;
+        metadata.dropped_rms = dropped.rms();
+        metadata.dropped_amax = dropped.amax;
+    }
+
+    fn level(&self, level: u8, sums: &LevelSums) -> LevelSummary {
+        let kept = sums.kept.total();
+        LevelSummary {
+            level,
+            dims_xyz: self.geometry.dims_at(level),
+            grid_xyz: self.geometry.grid_at(level),
+            stored: sums.stored,
+            uniform: sums.uniform,
+            empty: sums.empty,
+            payload_bytes: sums.payload_bytes,
+            rms: kept.rms(),
+            amax: kept.amax,
+            lod_rms_bound: (sums.lod_squares.value() / sums.lod_weight.max(1) as f64).sqrt(),
+            lod_amax_bound: sums.lod_amax,
+        }
+    }
+}

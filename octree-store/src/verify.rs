@@ -1,0 +1,132 @@
+//! Whether a store is whole: every record, every payload, the tree's shape, the metadata's sums.
+
+use crate::digest::Digest;
+use crate::error::{Damage, StoreError};
+use crate::key::NodeKey;
+use crate::record::{BrickState, NodeRecord};
+use crate::sample::Sample;
+use crate::store::{BrickScratch, Store};
+use crate::summary::Summary;
+use crate::with_sample_type;
+
+/// One damaged node.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DamagedNode {
+    /// The node.
+    pub key: NodeKey,
+    /// How it is damaged.
+    pub damage: Damage,
+}
+
+/// What a verification found.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Report {
+    /// Nodes looked at: all that the geometry asks for.
+    pub bricks_checked: u64,
+    /// The damaged ones, in key order.
+    pub damaged: Vec<DamagedNode>,
+    /// What is wrong with the metadata: it does not follow from the records.
+    pub metadata: Option<&'static str>,
+}
+
+impl Report {
+    /// Whether nothing is wrong.
+    pub fn is_ok(&self) -> bool {
+        self.damaged.is_empty() && self.metadata.is_none()
+    }
+}
+
+/// Checks every record and payload of a store, and calls `progress` after each brick.
+///
+/// # Errors
+/// When the file cannot be read at all. Damage is no error: it stands in the report.
+pub fn verify(store: &Store, progress: impl FnMut()) -> Result<Report, StoreError> {
+    with_sample_type!(store.metadata().sample_type, T => verify_typed::<T>(store, progress))
+}
+
+fn verify_typed<T: Sample>(
+    store: &Store,
+    mut progress: impl FnMut(),
+) -> Result<Report, StoreError> {
+    let geometry = store.geometry();
+    let mut samples = vec![T::default(); geometry.brick_samples()];
+    let mut report = Report::default();
+    let mut summary = Summary::new(geometry);
+    let mut digest = Digest::default();
+    let mut scratch = BrickScratch::default();
+    for level in geometry.levels() {
+        for key in keys_in_order(store, level) {
+            report.bricks_checked += 1;
+            match check_node(store, key, &mut scratch, &mut samples) {
+                Ok(record) => {
+                    summary.add(&record);
+                    digest.add(&record);
+                }
+                Err(StoreError::Damaged { damage, .. }) => {
+                    report.damaged.push(DamagedNode { key, damage });
+                }
+                Err(other) => return Err(other),
+            }
+            progress();
+        }
+    }
+    if report.damaged.is_empty() {
+        let mut expected = store.metadata().clone();
+        summary.write_into(&mut expected);
+        if expected != *store.metadata() {
+            report.metadata = Some("its sums over levels do not follow from the records");
+        } else if digest.finish(store.metadata()) != store.metadata().digest {
+            report.metadata = Some("its digest does not follow from the records");
+        }
+    }
+    Ok(report)
+}
+
+/// The keys of a level in key order, without holding them all: by descent from the root.
+fn keys_in_order(store: &Store, level: u8) -> impl Iterator<Item = NodeKey> {
+    let geometry = *store.geometry();
+    let mut pending = vec![geometry.root()];
+    std::iter::from_fn(move || {
+        while let Some(key) = pending.pop() {
+            if key.level() == level {
+                return Some(key);
+            }
+            pending
+                .extend(key.children().into_iter().rev().filter(|child| geometry.contains(*child)));
+        }
+        None
+    })
+}
+
+/// Reads a node, decodes its brick, and compares it with its children.
+fn check_node<T: Sample>(
+    store: &Store,
+    key: NodeKey,
+    scratch: &mut BrickScratch,
+    samples: &mut [T],
+) -> Result<NodeRecord, StoreError> {
+    let record = store.node(key)?;
+    let wrong = |what| Err(store.damaged(key, Damage::Tree { what }));
+    if record.child_mask != store.geometry().child_mask(key) {
+        return wrong("its child mask is not the geometry's");
+    }
+    if record.brick_min > record.brick_max || record.subtree_min > record.subtree_max {
+        return wrong("a range is upside down");
+    }
+    if record.subtree_min > record.brick_min || record.subtree_max < record.brick_max {
+        return wrong("its subtree's range does not hold its own");
+    }
+    if (record.state == BrickState::Stored) != (record.place.length > 0) {
+        return wrong("its state and its payload's length disagree");
+    }
+    store.decode_brick(&record, scratch, samples)?;
+    // A damaged child is reported in its own place.
+    if let Ok(children) = store.children(key) {
+        for child in children.iter() {
+            if record.subtree_min > child.subtree_min || record.subtree_max < child.subtree_max {
+                return wrong("its subtree's range does not hold a child's");
+            }
+        }
+    }
+    Ok(record)
+}

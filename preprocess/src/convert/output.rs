@@ -1,0 +1,118 @@
+//! The output's names: work goes to `OUT.partial`, and becomes `OUT` when it is whole.
+
+use super::plan::folder_of;
+use crate::error::PreprocessError;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// An output in the making; what it made is removed unless it is finished.
+#[derive(Debug)]
+pub(super) struct Output {
+    path: PathBuf,
+    partial: PathBuf,
+    finished: bool,
+}
+
+impl Output {
+    /// Looks at what is there already. With `force`, an earlier output will be replaced at the end,
+    /// and unfinished work goes now.
+    pub(super) fn prepare(path: &Path, force: bool) -> Result<Self, PreprocessError> {
+        let owned = || path.to_owned();
+        if path.is_dir() || (path.exists() && !force) {
+            return Err(PreprocessError::Exists { path: owned() });
+        }
+        let unfinished = unfinished_work(path)
+            .map_err(|source| PreprocessError::Output { path: owned(), source })?;
+        for left in unfinished {
+            if !force {
+                return Err(PreprocessError::Unfinished { path: left });
+            }
+            fs::remove_file(&left)
+                .map_err(|source| PreprocessError::Output { path: left, source })?;
+        }
+        let mut partial = path.as_os_str().to_owned();
+        partial.push(".partial");
+        Ok(Self { path: owned(), partial: partial.into(), finished: false })
+    }
+
+    /// Where to work.
+    pub(super) fn partial(&self) -> &Path {
+        &self.partial
+    }
+
+    /// Makes the work durable and gives it its name; an earlier output is replaced in one step.
+    pub(super) fn finish(mut self) -> Result<(), PreprocessError> {
+        let sync = || {
+            File::open(&self.partial)?.sync_all()?;
+            fs::rename(&self.partial, &self.path)?;
+            File::open(folder_of(&self.path))?.sync_all()
+        };
+        sync().map_err(|source| PreprocessError::Output { path: self.path.clone(), source })?;
+        self.finished = true;
+        Ok(())
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        if !self.finished {
+            // Where this fails too, the next run names the file and what to do.
+            let _ = fs::remove_file(&self.partial);
+        }
+    }
+}
+
+/// The files `OUT.*` beside the output.
+fn unfinished_work(path: &Path) -> io::Result<Vec<PathBuf>> {
+    let Some(name) = path.file_name() else {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "the output has no file name"));
+    };
+    let mut prefix = name.as_encoded_bytes().to_vec();
+    prefix.push(b'.');
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder_of(path))? {
+        let entry = entry?;
+        if entry.file_name().as_encoded_bytes().starts_with(&prefix) && entry.file_type()?.is_file()
+        {
+            files.push(entry.path());
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_finished_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.octavo");
+        let output = Output::prepare(&path, false).unwrap();
+        fs::write(output.partial(), "half").unwrap();
+        drop(output);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn earlier_work_is_neither_lost_nor_mistaken() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.octavo");
+        fs::write(&path, "old").unwrap();
+        assert!(matches!(Output::prepare(&path, false), Err(PreprocessError::Exists { .. })));
+        let output = Output::prepare(&path, true).unwrap();
+        fs::write(output.partial(), "new").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old", "until the new one is whole");
+        output.finish().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "new");
+
+        let left = folder.path().join("b.octavo.partial");
+        fs::write(&left, "half").unwrap();
+        let other = folder.path().join("b.octavo");
+        assert!(matches!(Output::prepare(&other, false), Err(PreprocessError::Unfinished { .. })));
+        drop(Output::prepare(&other, true).unwrap());
+        assert!(!left.exists());
+    }
+}

@@ -1,0 +1,107 @@
+//! What can stop a conversion or a comparison.
+
+use crate::source::SourceError;
+use octree_store::{GeometryError, StoreError};
+use std::io;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why work on a volume could not be finished.
+#[derive(Debug, Error)]
+pub enum PreprocessError {
+    /// The source cannot be read.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// A store cannot be read or written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The volume cannot be folded into such bricks.
+    #[error(transparent)]
+    Geometry(#[from] GeometryError),
+    /// The output is there already.
+    #[error("{}: it exists already: give --force to replace it, or -o for another name", path.display())]
+    Exists {
+        /// The output.
+        path: PathBuf,
+    },
+    /// An earlier conversion onto this output did not finish.
+    #[error("{}: an unfinished conversion left this file: give --force to start anew", path.display())]
+    Unfinished {
+        /// What it left.
+        path: PathBuf,
+    },
+    /// The output cannot be written.
+    #[error("{}: {source}", path.display())]
+    Output {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Scratch space could not be had.
+    #[error("scratch space: {0}: free some of the disk, or give --scratch another folder")]
+    Scratch(#[source] io::Error),
+    /// The memory budget is too small for this volume.
+    #[error("--memory {budget} is too small: this conversion needs at least {needed} bytes; give \
+        --memory {}MiB, or fewer --threads", needed.div_ceil(1 << 20))]
+    MemoryTooSmall {
+        /// The budget in bytes.
+        budget: u64,
+        /// The least that works, in bytes.
+        needed: u64,
+    },
+    /// A threshold or value that the sample type cannot hold.
+    #[error("{option} {value} cannot be used: {why}")]
+    BadValue {
+        /// The option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is wrong with it.
+        why: &'static str,
+    },
+    /// Two volumes of different size cannot be compared.
+    #[error("the volumes differ in size: {} x {} x {} and {} x {} x {} voxels",
+        a[0], a[1], a[2], b[0], b[1], b[2])]
+    DifferentDims {
+        /// Voxels of the first.
+        a: [u64; 3],
+        /// Voxels of the second.
+        b: [u64; 3],
+    },
+    /// A thread could not be started.
+    #[error("a thread could not be started: {0}")]
+    Thread(#[source] io::Error),
+    /// A thread panicked: a bug.
+    #[error("the {thread} thread stopped unexpectedly: this is a bug in octavo")]
+    Panic {
+        /// The thread's name.
+        thread: &'static str,
+    },
+    /// The caller asked to stop.
+    #[error("stopped")]
+    Cancelled,
+}
+
+impl PreprocessError {
+    /// Whether the environment failed (disk, memory, threads), rather than the input or the options.
+    pub fn is_environment(&self) -> bool {
+        match self {
+            Self::Source(SourceError::Io { source, .. }) => !is_denied(source),
+            Self::Source(SourceError::Store(error)) | Self::Store(error) => {
+                matches!(error, StoreError::Io { source, .. } if !is_denied(source))
+                    || matches!(error, StoreError::InUse { .. })
+            }
+            Self::Output { .. } | Self::Scratch(_) | Self::Thread(_) | Self::Panic { .. } => true,
+            _ => false,
+        }
+    }
+}
+
+/// Whether the system refuses a file as such: a fault of what was asked, not of the machine.
+fn is_denied(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::IsADirectory
+    )
+}

@@ -1,0 +1,97 @@
+//! From voxels to a brick's samples: core and overlap, the edge repeated outside the volume.
+
+use crate::source::MappedVoxels;
+use crate::window::Window;
+use octree_store::{Geometry, NodeKey, Sample};
+
+/// Voxels of a level that can be read row by row, from any thread.
+pub(crate) trait Rows<T>: Sync {
+    /// Reads `out.len()` voxels from (x, y, z) along x; all lie inside the level.
+    fn read_row(&self, xyz: [u64; 3], out: &mut [T]);
+}
+
+impl<T: Sample> Rows<T> for MappedVoxels<'_> {
+    #[inline]
+    fn read_row(&self, xyz: [u64; 3], out: &mut [T]) {
+        MappedVoxels::read_row(self, xyz, out);
+    }
+}
+
+impl<T: Sample> Rows<T> for Window<T> {
+    #[inline]
+    fn read_row(&self, [x, y, z]: [u64; 3], out: &mut [T]) {
+        let row = self.row(y, z);
+        out.copy_from_slice(&row[x as usize..x as usize + out.len()]);
+    }
+}
+
+/// Fills `brick` with the samples of `key`, x fastest.
+pub(crate) fn gather<T: Sample>(
+    rows: &impl Rows<T>,
+    geometry: &Geometry,
+    key: NodeKey,
+    brick: &mut [T],
+) {
+    let side = geometry.brick_side();
+    let dims = geometry.dims_at(key.level()).map(|dim| dim as i64);
+    let origin = geometry.sample_origin(key);
+    let inside = |axis: usize, i: usize| (origin[axis] + i as i64).clamp(0, dims[axis] - 1) as u64;
+    // The samples along x that lie inside: the others repeat the first and the last of them.
+    let first = (-origin[0]).max(0) as usize;
+    let last = (dims[0] - origin[0]).min(side as i64) as usize;
+    for (i, row) in brick.chunks_exact_mut(side).enumerate() {
+        let at = [inside(0, first), inside(1, i % side), inside(2, i / side)];
+        rows.read_row(at, &mut row[first..last]);
+        let (left, right) = (row[first], row[last - 1]);
+        row[..first].fill(left);
+        row[last..].fill(right);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    struct Everywhere;
+
+    /// Each voxel's value names its place, so a wrong place shows.
+    fn value([x, y, z]: [u64; 3]) -> u32 {
+        (x + 1000 * y + 1_000_000 * z) as u32
+    }
+
+    impl Rows<u32> for Everywhere {
+        fn read_row(&self, [x, y, z]: [u64; 3], out: &mut [u32]) {
+            for (out, x) in out.iter_mut().zip(x..) {
+                *out = value([x, y, z]);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_sample_is_the_nearest_voxel_of_the_volume(
+            dims in [1_u64..80, 1_u64..80, 1_u64..80],
+            half_core in 4_u32..17, overlap in 0_u32..5, level in 0_u8..3,
+        ) {
+            let geometry = Geometry::new(dims, 2 * half_core, overlap).unwrap();
+            let level = level.min(geometry.top_level());
+            let grid = geometry.grid_at(level);
+            let side = geometry.brick_side();
+            for key in [[0; 3], grid.map(|n| n - 1), grid.map(|n| n / 2)] {
+                let key = NodeKey::new(level, key);
+                let mut brick = vec![0; geometry.brick_samples()];
+                gather(&Everywhere, &geometry, key, &mut brick);
+                let level_dims = geometry.dims_at(level);
+                for (i, sample) in brick.into_iter().enumerate() {
+                    let local = [i % side, i / side % side, i / side / side];
+                    let nearest = [0, 1, 2].map(|axis| {
+                        let v = geometry.sample_origin(key)[axis] + local[axis] as i64;
+                        v.clamp(0, level_dims[axis] as i64 - 1) as u64
+                    });
+                    prop_assert_eq!(sample, value(nearest));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! How often each value occurs in a store: the values that a reader gets, at one level.
+
+use crate::downsample::Core;
+use crate::error::PreprocessError;
+use octree_store::{BrickScratch, NodeRecord, Sample, Store, with_sample_type};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Counts of values in equal bins.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Histogram {
+    /// The schema's name and version.
+    pub schema: &'static str,
+    /// The level whose voxels are counted.
+    pub level: u8,
+    /// Least value.
+    pub value_min: f64,
+    /// Greatest value.
+    pub value_max: f64,
+    /// Edges of the bins, one more than there are bins; each bin holds its lower edge, and the last
+    /// its upper edge too.
+    pub edges: Vec<f64>,
+    /// Voxels in each bin.
+    pub counts: Vec<u64>,
+    /// Voxels that are NaN or infinite: in no bin.
+    pub not_finite: u64,
+}
+
+impl Histogram {
+    /// The value below which a share of the voxels lies, 0..=1, linear within a bin.
+    pub fn quantile(&self, share: f64) -> f64 {
+        let total: u64 = self.counts.iter().sum();
+        let wanted = share.clamp(0.0, 1.0) * total as f64;
+        let mut below = 0.0;
+        for (bin, &count) in self.counts.iter().enumerate() {
+            let count = count as f64;
+            if count > 0.0 && below + count >= wanted {
+                let within = ((wanted - below) / count).clamp(0.0, 1.0);
+                return self.edges[bin] + within * (self.edges[bin + 1] - self.edges[bin]);
+            }
+            below += count;
+        }
+        self.value_max
+    }
+}
+
+/// Counts the voxels of a level in `bins` equal bins over the values that occur in it.
+///
+/// # Errors
+/// When a brick cannot be read.
+pub fn histogram(store: &Store, level: u8, bins: usize) -> Result<Histogram, PreprocessError> {
+    with_sample_type!(store.metadata().sample_type, T => histogram_typed::<T>(store, level, bins))
+}
+
+fn histogram_typed<T: Sample>(
+    store: &Store,
+    level: u8,
+    bins: usize,
+) -> Result<Histogram, PreprocessError> {
+    let bins = bins.max(1);
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut records: Vec<NodeRecord> = Vec::new();
+    store.visit_level(level, |record| {
+        let empty = record.state == octree_store::BrickState::Empty;
+        let value = store.metadata().empty_value;
+        let (min, max) = if empty { (value, value) } else { (record.brick_min, record.brick_max) };
+        (low, high) = (low.min(min), high.max(max));
+        records.push(*record);
+        true
+    })?;
+    // Widened where there is one value only, so that bins have a width.
+    let width = (high - low) / bins as f64;
+    let (width, start) = if width > 0.0 { (width, low) } else { (1.0 / bins as f64, low - 0.5) };
+    let geometry = store.geometry();
+    let count = |(mut counts, mut brick, mut scratch): Counting<T>, record: &NodeRecord| {
+        store.decode_brick(record, &mut scratch, &mut brick)?;
+        for row in Core::of(geometry, record.key).rows() {
+            for v in &brick[row] {
+                let bin = if v.is_finite() {
+                    (((v.to_f64() - start) / width) as usize).min(bins - 1)
+                } else {
+                    bins
+                };
+                counts[bin] += 1;
+            }
+        }
+        Ok::<_, PreprocessError>((counts, brick, scratch))
+    };
+    let begin = || {
+        (
+            vec![0_u64; bins + 1],
+            vec![T::default(); geometry.brick_samples()],
+            BrickScratch::default(),
+        )
+    };
+    let mut counts = records
+        .par_iter()
+        .try_fold(begin, count)
+        .map(|counting| counting.map(|(counts, ..)| counts))
+        .try_reduce(
+            || vec![0; bins + 1],
+            |mut a, b| {
+                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+                Ok(a)
+            },
+        )?;
+    let not_finite = counts.pop().unwrap_or(0);
+    let edges = (0..=bins)
+        .map(|i| if i == bins { start + width * bins as f64 } else { start + width * i as f64 });
+    Ok(Histogram {
+        schema: "octavo.histogram/1",
+        level,
+        value_min: low,
+        value_max: high,
+        edges: edges.collect(),
+        counts,
+        not_finite,
+    })
+}
+
+/// Counts so far, and a thread's buffers.
+type Counting<T> = (Vec<u64>, Vec<T>, BrickScratch);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_linear_within_a_bin() {
+        let histogram = Histogram {
+            schema: "octavo.histogram/1",
+            level: 0,
+            value_min: 0.0,
+            value_max: 30.0,
+            edges: vec![0.0, 10.0, 20.0, 30.0],
+            counts: vec![1, 0, 3],
+            not_finite: 0,
+        };
+        assert_eq!(histogram.quantile(0.0), 0.0);
+        assert_eq!(histogram.quantile(0.25), 10.0);
+        assert_eq!(histogram.quantile(0.5), 20.0 + 10.0 / 3.0);
+        assert_eq!(histogram.quantile(1.0), 30.0);
+    }
+}

@@ -1,0 +1,38 @@
+//! From volume files to stores: sources, the pyramid, the conversion pipeline, error statistics, and
+//! the way back.
+//!
+//! [`Source`] opens a volume; [`convert`] makes a store of it; [`verify_against`] and
+//! [`compare`](compare::compare) measure what was lost; [`Volume`] reads stores and sources alike,
+//! slice by slice, in bounded memory, which is how [`export`] writes them out again.
+
+pub mod compare;
+mod convert;
+mod downsample;
+mod error;
+pub mod export;
+mod gather;
+pub mod histogram;
+pub mod memory;
+mod progress;
+pub mod source;
+mod value_stats;
+mod verify_against;
+mod volume;
+mod walk;
+mod window;
+
+pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, convert};
+pub use error::PreprocessError;
+pub use progress::{NoProgress, Progress};
+pub use source::{Source, SourceError, SourceOptions};
+pub use verify_against::{AgainstReport, verify_against};
+pub use volume::{Volume, VolumeSlices};
+
+/// A pool of named threads.
+fn pool(threads: usize) -> Result<rayon::ThreadPool, PreprocessError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|index| format!("brick-{index}"))
+        .build()
+        .map_err(|error| PreprocessError::Thread(std::io::Error::other(error)))
+}

@@ -1,0 +1,114 @@
+//! What is said of the source's values: range, mean, and how many are no numbers.
+
+use crate::downsample::Core;
+use octree_store::{CompensatedSum, Sample};
+
+/// Values of the in-volume core voxels of one brick.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct BrickValues {
+    finite: u64,
+    sum: f64,
+    nan: u64,
+    infinite: u64,
+    min_max: Option<(f64, f64)>,
+}
+
+impl BrickValues {
+    /// Measures a brick before anything is done to it.
+    pub(crate) fn of<T: Sample>(brick: &[T], core: &Core) -> Self {
+        let mut values = Self::default();
+        let (mut min, mut max) = (T::GREATEST, T::LEAST);
+        let mut sum = CompensatedSum::default();
+        for row in core.rows().map(|row| &brick[row]) {
+            for &v in row {
+                let (low, high) = if v.is_finite() { (v, v) } else { (T::GREATEST, T::LEAST) };
+                min = if low < min { low } else { min };
+                max = if high > max { high } else { max };
+            }
+            if T::TYPE.is_integer() {
+                // A row of at most 128 values below 2^32 in magnitude: exact in i64, and in f64.
+                let row_sum = if size_of::<T>() <= 2 {
+                    i64::from(row.iter().map(|v| v.to_i32()).sum::<i32>())
+                } else {
+                    row.iter().map(|v| v.to_f64() as i64).sum()
+                };
+                sum.add(row_sum as f64);
+                values.finite += row.len() as u64;
+            } else {
+                for v in row {
+                    values.nan += u64::from(v.is_nan());
+                    values.infinite += u64::from(!v.is_finite() && !v.is_nan());
+                    if v.is_finite() {
+                        values.finite += 1;
+                        sum.add(v.to_f64());
+                    }
+                }
+            }
+        }
+        values.sum = sum.value();
+        values.min_max = (values.finite > 0).then(|| (min.to_f64(), max.to_f64()));
+        values
+    }
+}
+
+/// Values of a volume, brick by brick.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct VolumeValues {
+    finite: u64,
+    sum: CompensatedSum,
+    /// Voxels that are NaN.
+    pub(crate) nan: u64,
+    /// Voxels that are infinite.
+    pub(crate) infinite: u64,
+    /// Least and greatest finite voxel.
+    pub(crate) min_max: Option<(f64, f64)>,
+}
+
+impl VolumeValues {
+    /// Adds the next brick; bricks come in one order whatever the threads.
+    pub(crate) fn add(&mut self, brick: &BrickValues) {
+        self.finite += brick.finite;
+        self.sum.add(brick.sum);
+        self.nan += brick.nan;
+        self.infinite += brick.infinite;
+        self.min_max = match (self.min_max, brick.min_max) {
+            (Some((a, b)), Some((c, d))) => Some((a.min(c), b.max(d))),
+            (one, other) => one.or(other),
+        };
+    }
+
+    /// The mean of the finite voxels.
+    pub(crate) fn mean(&self) -> Option<f64> {
+        let mean = self.sum.value() / self.finite as f64;
+        (self.finite > 0 && mean.is_finite()).then_some(mean)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values<T: Sample>(brick: &[T]) -> VolumeValues {
+        let core = Core { side: brick.len(), overlap: 0, extent: [brick.len(), 1, 1] };
+        let mut volume = VolumeValues::default();
+        volume.add(&BrickValues::of(brick, &core));
+        volume
+    }
+
+    #[test]
+    fn ranges_and_means_follow_their_definitions() {
+        let volume = values(&[i16::MIN, 0, i16::MAX]);
+        assert_eq!(volume.min_max, Some((-32768.0, 32767.0)));
+        assert_eq!(volume.mean(), Some(-1.0 / 3.0));
+        assert_eq!(values(&[u32::MAX; 100]).mean(), Some(f64::from(u32::MAX)));
+    }
+
+    #[test]
+    fn what_is_no_number_is_counted_apart() {
+        let volume = values(&[1.0, f32::NAN, 3.0, f32::INFINITY, f32::NEG_INFINITY]);
+        assert_eq!((volume.nan, volume.infinite), (1, 2));
+        assert_eq!((volume.min_max, volume.mean()), (Some((1.0, 3.0)), Some(2.0)));
+        let nothing = values(&[f64::NAN; 3]);
+        assert_eq!((nothing.min_max, nothing.mean()), (None, None));
+    }
+}

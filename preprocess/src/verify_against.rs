@@ -1,0 +1,189 @@
+//! Verification against the source: every error in the store measured anew.
+//!
+//! The source is walked just as it was converted, but instead of being encoded each brick is
+//! compared with what a reader of the store gets. Each record's error must come out the same.
+
+use crate::convert::{ConversionPlan, ConvertOptions, ValueRules};
+use crate::downsample::Core;
+use crate::error::PreprocessError;
+use crate::progress::Progress;
+use crate::source::Source;
+use crate::walk::{Octet, Visitor, walk};
+use octree_store::encoding::finite_range;
+use octree_store::verify::DamagedNode;
+use octree_store::{
+    BrickScratch, CompensatedSum, Damage, ErrorSum, NodeKey, Region, Sample, Store, StoreError,
+    with_sample_type,
+};
+use serde::Serialize;
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct AgainstReport {
+    /// RMS over the level-0 voxels of stored and uniform bricks.
+    pub rms: f64,
+    /// AMAX over the same.
+    pub amax: f64,
+    /// RMS over the voxels of dropped bricks.
+    pub dropped_rms: f64,
+    /// AMAX over the same.
+    pub dropped_amax: f64,
+    /// Bricks that do not match the source, or are damaged.
+    #[serde(skip)]
+    pub damaged: Vec<DamagedNode>,
+}
+
+/// The region of the source that a store was made of, if not the whole.
+fn roi(store: &Store) -> Option<Region> {
+    let value = store.metadata().options.get("roi")?.clone();
+    let [min, max]: [[u64; 3]; 2] = serde_json::from_value(value).ok()?;
+    Some(Region { min, max })
+}
+
+/// Measures a store's errors anew from its source, on `threads` threads.
+///
+/// # Errors
+/// When the source cannot be read, or is not of the store's size and type.
+pub fn verify_against(
+    store: &Store,
+    source: Source,
+    threads: usize,
+    progress: &dyn Progress,
+) -> Result<AgainstReport, PreprocessError> {
+    let metadata = store.metadata();
+    let source = match roi(store) {
+        Some(region) => source.crop(region)?,
+        None => source,
+    };
+    if source.dims_xyz != metadata.dims_xyz {
+        return Err(PreprocessError::DifferentDims { a: metadata.dims_xyz, b: source.dims_xyz });
+    }
+    let (stored, asked) = (metadata.sample_type, source.sample_type());
+    if stored != asked {
+        return Err(StoreError::SampleType { stored, asked }.into());
+    }
+    let options = ConvertOptions {
+        brick_core: metadata.brick_core,
+        brick_overlap: metadata.brick_overlap,
+        encoding: metadata.encoding,
+        threads,
+        scratch: Some(std::env::temp_dir()),
+        ..ConvertOptions::default()
+    };
+    let plan = ConversionPlan::new(&source, store.path(), &options)?;
+    let rules = ValueRules {
+        nan_value: metadata.options.get("nan_value").and_then(serde_json::Value::as_f64),
+        empty_below: metadata.empty_below,
+        empty_value: metadata.empty_value,
+    };
+    let against = Against { store, rules };
+    let (mut kept, mut dropped) = (Total::default(), Total::default());
+    let mut damaged = Vec::new();
+    let mut sink = |octets: Vec<Octet<Measured>>| {
+        for visited in octets.into_iter().flatten() {
+            let Measured { error, empty, damage } = visited.output;
+            if visited.key.level() == 0 {
+                if empty { dropped.add(&error) } else { kept.add(&error) }
+            }
+            damaged.extend(damage.map(|damage| DamagedNode { key: visited.key, damage }));
+            progress.bricks_done(1);
+        }
+        if progress.should_stop() { Err(PreprocessError::Cancelled) } else { Ok(()) }
+    };
+    let pool = crate::pool(plan.threads)?;
+    with_sample_type!(stored, T => {
+        walk::<T, _>(&source, &plan.geometry, &pool, &plan.walk, &against, &mut sink)?;
+    });
+    damaged.sort_by_key(|node: &DamagedNode| node.key);
+    Ok(AgainstReport {
+        rms: kept.rms(),
+        amax: kept.amax,
+        dropped_rms: dropped.rms(),
+        dropped_amax: dropped.amax,
+        damaged,
+    })
+}
+
+#[derive(Debug, Default)]
+struct Total {
+    voxels: u64,
+    squares: CompensatedSum,
+    amax: f64,
+}
+
+impl Total {
+    fn add(&mut self, error: &ErrorSum) {
+        self.voxels += error.voxels;
+        self.squares.add(error.squares);
+        self.amax = self.amax.max(error.amax);
+    }
+
+    fn rms(&self) -> f64 {
+        ErrorSum { voxels: self.voxels, squares: self.squares.value(), amax: self.amax }.rms()
+    }
+}
+
+/// Compares each brick of the source with what the store gives for it.
+struct Against<'a> {
+    store: &'a Store,
+    rules: ValueRules,
+}
+
+struct Measured {
+    error: ErrorSum,
+    empty: bool,
+    damage: Option<Damage>,
+}
+
+/// Buffers that a thread keeps.
+struct AgainstScratch<T> {
+    decoded: Vec<T>,
+    brick: BrickScratch,
+}
+
+impl<T> Default for AgainstScratch<T> {
+    fn default() -> Self {
+        Self { decoded: Vec::new(), brick: BrickScratch::default() }
+    }
+}
+
+impl<T: Sample> Visitor<T> for Against<'_> {
+    type Output = Measured;
+    type Scratch = AgainstScratch<T>;
+
+    fn visit(
+        &self,
+        key: NodeKey,
+        core: &Core,
+        samples: &mut [T],
+        scratch: &mut AgainstScratch<T>,
+    ) -> Result<Measured, PreprocessError> {
+        if key.level() == 0 {
+            self.rules.apply(samples);
+        }
+        let mut measured =
+            Measured { error: ErrorSum::default(), empty: self.rules.drops(samples), damage: None };
+        scratch.decoded.resize(samples.len(), T::default());
+        let record = match self.store.read_brick(key, &mut scratch.brick, &mut scratch.decoded) {
+            Ok(record) => record,
+            Err(StoreError::Damaged { damage, .. }) => {
+                measured.damage = Some(damage);
+                return Ok(measured);
+            }
+            Err(other) => return Err(other.into()),
+        };
+        for row in core.rows() {
+            measured.error.add_all(&samples[row.clone()], &scratch.decoded[row]);
+        }
+        let (min, max) = finite_range(samples).unwrap_or_default();
+        let wrong = |what| Some(Damage::Source { what });
+        if (record.brick_min, record.brick_max) != (min.to_f64(), max.to_f64()) {
+            measured.damage = wrong("its range is not that of the source's voxels");
+        } else if measured.empty != (record.state == octree_store::BrickState::Empty) {
+            measured.damage = wrong("the threshold keeps what was dropped, or drops what was kept");
+        } else if record.error != measured.error {
+            measured.damage = wrong("its error is not the one measured");
+        }
+        Ok(measured)
+    }
+}
