@@ -22,10 +22,17 @@ pub(crate) fn code_of(result: anyhow::Result<Answer>) -> ExitCode {
         Ok(Answer::No) => ExitCode::from(1),
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("octavo: {error:#}");
+            eprintln!("octavo: {}", message(&error));
             ExitCode::from(if is_environment(error) { 3 } else { 2 })
         }
     }
+}
+
+/// Our own errors say all that their causes say; others are told with their causes.
+fn message(error: &anyhow::Error) -> String {
+    let own =
+        error.is::<PreprocessError>() || error.is::<SourceError>() || error.is::<StoreError>();
+    if own { error.to_string() } else { format!("{error:#}") }
 }
 
 /// Whoever read our output has seen enough.

@@ -92,7 +92,8 @@ impl PreprocessError {
                 matches!(error, StoreError::Io { source, .. } if !is_denied(source))
                     || matches!(error, StoreError::InUse { .. })
             }
-            Self::Output { .. } | Self::Scratch(_) | Self::Thread(_) | Self::Panic { .. } => true,
+            Self::Output { source, .. } => !is_denied(source),
+            Self::Scratch(_) | Self::Thread(_) | Self::Panic { .. } => true,
             _ => false,
         }
     }
@@ -102,6 +103,10 @@ impl PreprocessError {
 fn is_denied(error: &io::Error) -> bool {
     matches!(
         error.kind(),
-        io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::IsADirectory
+        io::ErrorKind::PermissionDenied
+            | io::ErrorKind::NotFound
+            | io::ErrorKind::IsADirectory
+            | io::ErrorKind::NotADirectory
+            | io::ErrorKind::InvalidInput
     )
 }

@@ -78,6 +78,9 @@ impl Failure {
 impl From<redb::Error> for Failure {
     fn from(error: redb::Error) -> Self {
         match error {
+            redb::Error::Io(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
+                Self::Corrupt("the file is cut short".into())
+            }
             redb::Error::Io(error) if error.kind() != io::ErrorKind::InvalidData => Self::Io(error),
             redb::Error::DatabaseAlreadyOpen => Self::InUse,
             redb::Error::RepairAborted => Self::NeedsRepair,
