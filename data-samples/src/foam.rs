@@ -7,8 +7,6 @@
 //! sums of cos b and sin b) are the same for a whole row. So a voxel costs two multiplications a
 //! group, not a wave, and the sines along x come from a table made once.
 
-use std::f64::consts::TAU;
-
 use crate::{
     noise::uniform,
     trig::{fixed_turns, sin_cos},

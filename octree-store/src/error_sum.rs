@@ -27,6 +27,7 @@ impl ErrorSum {
 
     /// Counts (decoded - source) of every finite source sample, in order. Squares of integers up to
     /// 16 bits are summed exactly, a call at a time.
+    #[inline(always)]
     pub fn add_all<T: Sample>(&mut self, source: &[T], decoded: &[T]) {
         if T::TYPE.is_integer() && size_of::<T>() <= 2 {
             let (mut squares, mut amax) = (0_u64, 0_u32);

@@ -9,7 +9,7 @@ use crate::sample::SampleType;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
-use xxhash_rust::xxh3::xxh3_64;
+use twox_hash::XxHash3_64;
 
 /// The format version that this library writes. Version 0 may break.
 pub const FORMAT_VERSION: u32 = 0;
@@ -223,7 +223,7 @@ impl Metadata {
         let mut bytes = Vec::with_capacity(FRAME_BYTES + json.len());
         bytes.extend_from_slice(&MAGIC);
         bytes.extend_from_slice(&FORMAT_VERSION.to_le_bytes());
-        bytes.extend_from_slice(&xxh3_64(&json).to_le_bytes());
+        bytes.extend_from_slice(&XxHash3_64::oneshot(&json).to_le_bytes());
         bytes.extend_from_slice(&json);
         bytes
     }
@@ -240,7 +240,7 @@ impl Metadata {
             return Err(MetadataError::Newer(version));
         }
         let json = &bytes[FRAME_BYTES..];
-        if xxh3_64(json) != u64::from_le_bytes(field(8)) {
+        if XxHash3_64::oneshot(json) != u64::from_le_bytes(field(8)) {
             return Err(MetadataError::Checksum);
         }
         let metadata: Self =

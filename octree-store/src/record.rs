@@ -4,7 +4,7 @@ use crate::encoding::{Compression, Encoding, Filter};
 use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;
 use std::ops::Range;
-use xxhash_rust::xxh3::xxh3_64;
+use twox_hash::XxHash3_64;
 
 /// What a brick is. A node without a record is *absent*; a record or payload that fails its
 /// checksum is *damaged* and comes as an error.
@@ -115,7 +115,7 @@ impl NodeRecord {
         ] {
             bytes[range].copy_from_slice(&value.to_le_bytes());
         }
-        let checksum = xxh3_64(&bytes[..RECORD_CHECKSUM.start]);
+        let checksum = XxHash3_64::oneshot(&bytes[..RECORD_CHECKSUM.start]);
         bytes[RECORD_CHECKSUM].copy_from_slice(&checksum.to_le_bytes());
         bytes
     }
@@ -128,7 +128,7 @@ impl NodeRecord {
             |range: Range<usize>| Some(u32::from_le_bytes(bytes.get(range)?.try_into().ok()?));
         let f64_at = |range: Range<usize>| Some(f64::from_bits(u64_at(range)?));
         if bytes.len() != Self::BYTES
-            || xxh3_64(&bytes[..RECORD_CHECKSUM.start]) != u64_at(RECORD_CHECKSUM)?
+            || XxHash3_64::oneshot(&bytes[..RECORD_CHECKSUM.start]) != u64_at(RECORD_CHECKSUM)?
         {
             return None;
         }

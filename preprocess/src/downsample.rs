@@ -4,6 +4,7 @@
 //! round half to even, so that repeated halving has no bias. In float volumes the mean is over the
 //! finite cells; where there is none it is the IEEE mean of all.
 
+use multiversion::multiversion;
 use octree_store::{Geometry, NodeKey, Sample};
 
 /// A brick's in-volume core, as a box inside the brick's samples.
@@ -47,6 +48,7 @@ impl Core {
 
 /// Writes the mean of every 2x2x2 block of a brick's core; `coarse` becomes
 /// [`Core::coarse_extent`] cells, x fastest.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
 pub(crate) fn mean<T: Sample>(brick: &[T], core: &Core, coarse: &mut Vec<T>) {
     let [cx, cy, cz] = core.coarse_extent();
     coarse.clear();
@@ -116,6 +118,7 @@ pub(crate) struct StepDeviation {
 }
 
 /// Measures one brick's step to its coarse cells. Cells that are not finite deviate by 0.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
 pub(crate) fn step_deviation<T: Sample>(
     brick: &[T],
     core: &Core,
@@ -139,40 +142,54 @@ pub(crate) fn step_deviation<T: Sample>(
             let weight_y = if y + 1 == ny { last_weight[1] } else { full };
             let fine = &brick[core.row(y, z)];
             let coarse = &coarse[(z / 2 * cy + y / 2) * cx..][..cx];
-            let (pairs, last) = fine.split_at(nx - 1);
-            let (body, body_max) = squares_and_max(pairs, coarse);
-            let (end, end_max) = squares_and_max(last, &coarse[(nx - 1) / 2..]);
-            let row = full as f64 * body + last_weight[0] as f64 * end;
+            // Whole rows where all their cells weigh the same, else the last cell apart.
+            let body = if last_weight[0] == full { nx } else { nx - 1 };
+            let (squares, max) = squares_and_max(&fine[..body], coarse);
+            let (end, end_max) = squares_and_max(&fine[body..], &coarse[body / 2..]);
+            let row = full as f64 * squares + last_weight[0] as f64 * end;
             total.squares += (weight_y * weight_z) as f64 * row;
-            total.amax = total.amax.max(body_max).max(end_max);
+            total.amax = total.amax.max(max).max(end_max);
         }
     }
     total
 }
 
 /// Squares and largest of (fine - coarse), two fine cells to a coarse one.
+#[inline(always)]
 fn squares_and_max<T: Sample>(fine: &[T], coarse: &[T]) -> (f64, f64) {
+    let pairs = fine.chunks_exact(2).zip(coarse);
+    let odd = fine.chunks_exact(2).remainder().iter().zip(&coarse[fine.len() / 2..]);
     if T::TYPE.is_integer() && size_of::<T>() <= 2 {
         // At most 128 squares below 2^32.
         let (mut squares, mut max) = (0_u64, 0_u32);
-        for (fine, coarse) in fine.chunks(2).zip(coarse) {
-            for fine in fine {
-                let deviation = fine.to_i32().abs_diff(coarse.to_i32());
-                squares += u64::from(deviation) * u64::from(deviation);
-                max = max.max(deviation);
-            }
+        let mut add = |fine: T, coarse: T| {
+            let deviation = fine.to_i32().abs_diff(coarse.to_i32());
+            squares += u64::from(deviation * deviation);
+            max = max.max(deviation);
+        };
+        for (pair, coarse) in pairs {
+            add(pair[0], *coarse);
+            add(pair[1], *coarse);
+        }
+        for (fine, coarse) in odd {
+            add(*fine, *coarse);
         }
         return (squares as f64, f64::from(max));
     }
     let (mut squares, mut max) = (0.0, 0.0_f64);
-    for (fine, coarse) in fine.chunks(2).zip(coarse) {
-        for fine in fine {
+    let mut add = |fine: T, coarse: T| {
+        if fine.is_finite() && coarse.is_finite() {
             let deviation = fine.to_f64() - coarse.to_f64();
-            if fine.is_finite() && coarse.is_finite() {
-                squares += deviation * deviation;
-                max = max.max(deviation.abs());
-            }
+            squares += deviation * deviation;
+            max = max.max(deviation.abs());
         }
+    };
+    for (pair, coarse) in pairs {
+        add(pair[0], *coarse);
+        add(pair[1], *coarse);
+    }
+    for (fine, coarse) in odd {
+        add(*fine, *coarse);
     }
     (squares, max)
 }

@@ -87,12 +87,13 @@ impl PreprocessError {
     /// Whether the environment failed (disk, memory, threads), rather than the input or the options.
     pub fn is_environment(&self) -> bool {
         match self {
-            Self::Source(SourceError::Io { source, .. }) => !is_denied(source),
+            Self::Source(SourceError::Io { source, .. }) | Self::Output { source, .. } => {
+                !is_denied(source)
+            }
             Self::Source(SourceError::Store(error)) | Self::Store(error) => {
                 matches!(error, StoreError::Io { source, .. } if !is_denied(source))
                     || matches!(error, StoreError::InUse { .. })
             }
-            Self::Output { source, .. } => !is_denied(source),
             Self::Scratch(_) | Self::Thread(_) | Self::Panic { .. } => true,
             _ => false,
         }

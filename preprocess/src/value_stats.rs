@@ -1,6 +1,7 @@
 //! What is said of the source's values: range, mean, and how many are no numbers.
 
 use crate::downsample::Core;
+use multiversion::multiversion;
 use octree_store::{CompensatedSum, Sample};
 
 /// Values of the in-volume core voxels of one brick.
@@ -14,41 +15,43 @@ pub(crate) struct BrickValues {
 }
 
 impl BrickValues {
-    /// Measures a brick before anything is done to it.
-    pub(crate) fn of<T: Sample>(brick: &[T], core: &Core) -> Self {
-        let mut values = Self::default();
-        let (mut min, mut max) = (T::GREATEST, T::LEAST);
-        let mut sum = CompensatedSum::default();
+    /// Measures a brick before anything is done to it; `range` is the finite range of all its
+    /// samples, whose overlap are voxels of the volume too.
+    pub(crate) fn of<T: Sample>(brick: &[T], core: &Core, range: Option<(T, T)>) -> Self {
+        let mut values = sums(brick, core);
+        values.min_max = range.map(|(min, max)| (min.to_f64(), max.to_f64()));
+        values
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn sums<T: Sample>(brick: &[T], core: &Core) -> BrickValues {
+    let mut values = BrickValues::default();
+    if T::TYPE.is_integer() {
+        // At most 2^21 values below 2^32 in magnitude: exact in i64 and in f64.
+        let mut sum = 0_i64;
         for row in core.rows().map(|row| &brick[row]) {
-            for &v in row {
-                let (low, high) = if v.is_finite() { (v, v) } else { (T::GREATEST, T::LEAST) };
-                min = if low < min { low } else { min };
-                max = if high > max { high } else { max };
-            }
-            if T::TYPE.is_integer() {
-                // A row of at most 128 values below 2^32 in magnitude: exact in i64, and in f64.
-                let row_sum = if size_of::<T>() <= 2 {
-                    i64::from(row.iter().map(|v| v.to_i32()).sum::<i32>())
-                } else {
-                    row.iter().map(|v| v.to_f64() as i64).sum()
-                };
-                sum.add(row_sum as f64);
-                values.finite += row.len() as u64;
+            sum += if size_of::<T>() <= 2 {
+                i64::from(row.iter().map(|v| v.to_i32()).sum::<i32>())
             } else {
-                for v in row {
-                    values.nan += u64::from(v.is_nan());
-                    values.infinite += u64::from(!v.is_finite() && !v.is_nan());
-                    if v.is_finite() {
-                        values.finite += 1;
-                        sum.add(v.to_f64());
-                    }
-                }
+                row.iter().map(|v| v.to_f64() as i64).sum()
+            };
+            values.finite += row.len() as u64;
+        }
+        values.sum = sum as f64;
+    } else {
+        let mut sum = CompensatedSum::default();
+        for v in core.rows().flat_map(|row| &brick[row]) {
+            values.nan += u64::from(v.is_nan());
+            values.infinite += u64::from(!v.is_finite() && !v.is_nan());
+            if v.is_finite() {
+                values.finite += 1;
+                sum.add(v.to_f64());
             }
         }
         values.sum = sum.value();
-        values.min_max = (values.finite > 0).then(|| (min.to_f64(), max.to_f64()));
-        values
     }
+    values
 }
 
 /// Values of a volume, brick by brick.
@@ -87,11 +90,12 @@ impl VolumeValues {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use octree_store::encoding::finite_range;
 
     fn values<T: Sample>(brick: &[T]) -> VolumeValues {
         let core = Core { side: brick.len(), overlap: 0, extent: [brick.len(), 1, 1] };
         let mut volume = VolumeValues::default();
-        volume.add(&BrickValues::of(brick, &core));
+        volume.add(&BrickValues::of(brick, &core, finite_range(brick)));
         volume
     }
 

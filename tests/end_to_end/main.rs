@@ -1,5 +1,7 @@
 //! The program as its users meet it: arguments, files, JSON, exit codes.
 
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on fails")]
+
 mod bad_input;
 mod commands;
 mod damage;

@@ -2,10 +2,16 @@
 //! the slowly changing high bytes side by side.
 
 use crate::sample::Sample;
+use multiversion::multiversion;
 
 /// The shuffled bytes of `samples`: byte 0 of every sample, then byte 1 of every sample, …
 pub fn shuffle<T: Sample>(samples: &[T], bytes: &mut Vec<u8>) {
     bytes.resize(size_of_val(samples), 0);
+    shuffle_into(samples, bytes);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn shuffle_into<T: Sample>(samples: &[T], bytes: &mut [u8]) {
     for (byte, plane) in bytes.chunks_exact_mut(samples.len().max(1)).enumerate() {
         for (out, sample) in plane.iter_mut().zip(samples) {
             *out = sample.to_le_array().as_ref()[byte];
@@ -15,6 +21,12 @@ pub fn shuffle<T: Sample>(samples: &[T], bytes: &mut Vec<u8>) {
 
 /// The reverse of [`shuffle`]; `bytes` holds `samples.len()` samples.
 pub fn unshuffle<T: Sample>(bytes: &[u8], samples: &mut [T]) {
+    assert_eq!(bytes.len(), size_of_val(samples));
+    unshuffle_from(bytes, samples);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn unshuffle_from<T: Sample>(bytes: &[u8], samples: &mut [T]) {
     let count = samples.len();
     for (index, sample) in samples.iter_mut().enumerate() {
         let mut le = T::Bytes::default();

@@ -11,6 +11,7 @@ use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::Sample;
+use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 
 /// How samples become the payload's bytes.
@@ -84,31 +85,37 @@ impl Compression {
 
 /// The finite range of samples, or `None` where there is no finite one.
 pub fn finite_range<T: Sample>(samples: &[T]) -> Option<(T, T)> {
-    // Without a branch a sample: what is not finite takes the place of an identity.
-    let (min, max) = samples.iter().fold((T::GREATEST, T::LEAST), |(min, max), &v| {
+    let (min, max) = min_and_max(samples);
+    let any = T::TYPE.is_integer() || min < max || samples.iter().any(|v| v.is_finite());
+    (min <= max && any).then_some((min, max))
+}
+
+/// Without a branch a sample: what is not finite takes the place of an identity.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn min_and_max<T: Sample>(samples: &[T]) -> (T, T) {
+    let (mut min, mut max) = (T::GREATEST, T::LEAST);
+    // A loop and no `fold`: a closure would not inherit the function's instruction set.
+    for &v in samples {
         let low = if v.is_finite() { v } else { T::GREATEST };
         let high = if v.is_finite() { v } else { T::LEAST };
-        (if low < min { low } else { min }, if high > max { high } else { max })
-    });
-    if min <= max && (T::TYPE.is_integer() || samples.iter().any(|v| v.is_finite())) {
-        Some((min, max))
-    } else {
-        None
+        min = if low < min { low } else { min };
+        max = if high > max { high } else { max };
     }
+    (min, max)
 }
 
 /// A brick's record and payload, with the error counted over `measured` samples of it.
 ///
-/// `samples` is the whole brick; `measured` yields the indices of its in-volume core voxels. The
+/// `samples` is the whole brick and `range` its [`finite_range`]; `measured` yields the indices of its in-volume core voxels. The
 /// record's ranges are the brick's own; its place, child mask and LOD bounds are left at zero.
 pub fn encode_brick<T: Sample>(
     key: NodeKey,
     samples: &[T],
     encoding: Encoding,
+    range: Option<(T, T)>,
     measured: impl Iterator<Item = std::ops::Range<usize>>,
     scratch: &mut EncodeScratch,
 ) -> (NodeRecord, Vec<u8>) {
-    let range = finite_range(samples);
     // A brick without a finite sample has no range; 0 stands for it.
     let (min, max) = range.unwrap_or_default();
     let mut record = NodeRecord {
@@ -146,15 +153,7 @@ pub fn encode_brick<T: Sample>(
             let quantiser = quantised8::Quantiser::new(min, max);
             scratch.bytes.resize(samples.len(), 0);
             quantiser.quantise(samples, &mut scratch.bytes);
-            let table = quantiser.table();
-            let mut decoded = [T::default(); 128];
-            for span in measured {
-                let rows = samples[span.clone()].chunks(128).zip(scratch.bytes[span].chunks(128));
-                for (samples, codes) in rows {
-                    quantised8::decode(&table, codes, &mut decoded[..codes.len()]);
-                    record.error.add_all(samples, &decoded);
-                }
-            }
+            record.error = quantiser.errors(samples, &scratch.bytes, measured);
             payload::compress(&scratch.bytes, &mut record, &mut scratch.packed)
         }
         Encoding::Lossless => {
@@ -188,7 +187,7 @@ pub fn encode_samples<T: Sample>(
     encoding: Encoding,
 ) -> (NodeRecord, Vec<u8>) {
     let all = std::iter::once(0..samples.len());
-    encode_brick(key, samples, encoding, all, &mut EncodeScratch::default())
+    encode_brick(key, samples, encoding, finite_range(samples), all, &mut EncodeScratch::default())
 }
 
 /// Buffers that [`encode_brick`] keeps from brick to brick.

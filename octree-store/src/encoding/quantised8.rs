@@ -6,9 +6,13 @@
 //! `max(|min|, |max|, max - min)`.
 //!
 //! Quantising runs in f32 for 8/16-bit integers and f32, in f64 for wider types, and for the f32
-//! ranges that would overflow or vanish in f32. Decoding is a table of 256 values made in f64.
+//! ranges that would overflow or vanish in f32. Decoding is a table of 256 values made in f64,
+//! and for integers up to 16 bits exact integer arithmetic, which a test holds against the table.
 
+use crate::error_sum::ErrorSum;
 use crate::sample::Sample;
+use multiversion::multiversion;
+use std::ops::Range;
 
 /// Maps one brick's range to 0..=255 and back.
 #[derive(Debug, Clone, Copy)]
@@ -31,18 +35,13 @@ impl<T: Sample> Quantiser<T> {
     ///
     /// # Panics
     /// When the slices differ in length.
-    #[allow(clippy::manual_clamp, reason = "`max` turns NaN into 0, which `clamp` would keep")]
     pub fn quantise(&self, samples: &[T], codes: &mut [u8]) {
         assert_eq!(samples.len(), codes.len());
         let range = self.max.to_f64() - self.min.to_f64();
         if range == 0.0 {
             codes.fill(0);
         } else if T::FITS_F32 && (1e-30..=1e38).contains(&range) {
-            let (min, scale) = (self.min.to_f32(), (255.0 / range) as f32);
-            for (code, sample) in codes.iter_mut().zip(samples) {
-                let x = ((sample.to_f32() - min) * scale).max(0.0).min(255.0);
-                *code = (x + ROUND_F32).to_bits() as u8;
-            }
+            quantise_f32(samples, self.min.to_f32(), (255.0 / range) as f32, codes);
         } else {
             // A power of two keeps the range inside f64: exact but for bits that do not matter.
             let pre = match range {
@@ -51,12 +50,56 @@ impl<T: Sample> Quantiser<T> {
                 _ => 1.0,
             };
             let min = self.min.to_f64() * pre;
-            let scale = 255.0 / (self.max.to_f64() * pre - min);
-            for (code, sample) in codes.iter_mut().zip(samples) {
-                let x = ((sample.to_f64() * pre - min) * scale).max(0.0).min(255.0);
-                *code = (x + ROUND_F64).to_bits() as u8;
+            quantise_f64(samples, pre, min, 255.0 / (self.max.to_f64() * pre - min), codes);
+        }
+    }
+
+    /// Writes what a reader gets for every code.
+    ///
+    /// # Panics
+    /// When the slices differ in length.
+    pub fn decode(&self, codes: &[u8], samples: &mut [T]) {
+        assert_eq!(samples.len(), codes.len());
+        if let Some((min, range)) = self.small_integers() {
+            decode_integers(min, range, codes, samples);
+        } else {
+            let table = self.table();
+            for (sample, &code) in samples.iter_mut().zip(codes) {
+                *sample = table[usize::from(code)];
             }
         }
+    }
+
+    /// Counts the errors of samples whose codes are known, over some spans of them.
+    pub fn errors(
+        &self,
+        samples: &[T],
+        codes: &[u8],
+        spans: impl Iterator<Item = Range<usize>>,
+    ) -> ErrorSum {
+        if let Some((min, range)) = self.small_integers() {
+            return errors_of_integers(min, range, samples, codes, spans);
+        }
+        let table = self.table();
+        let mut sum = ErrorSum::default();
+        let mut decoded = [T::default(); ROW];
+        for span in spans {
+            for (samples, codes) in samples[span.clone()].chunks(ROW).zip(codes[span].chunks(ROW)) {
+                for (decoded, &code) in decoded.iter_mut().zip(codes) {
+                    *decoded = table[usize::from(code)];
+                }
+                sum.add_all(samples, &decoded);
+            }
+        }
+        sum
+    }
+
+    /// Minimum (its low 16 bits) and range of integers of 8 and 16 bits, which have a kernel of
+    /// their own.
+    fn small_integers(&self) -> Option<(u16, u16)> {
+        let small = T::TYPE.is_integer() && size_of::<T>() <= 2;
+        let (min, max) = (self.min.to_i32(), self.max.to_i32());
+        small.then(|| (min as u16, max.abs_diff(min) as u16))
     }
 
     /// What a reader gets for each of the 256 codes.
@@ -76,11 +119,66 @@ impl<T: Sample> Quantiser<T> {
     }
 }
 
-/// Writes the decoded value of every code.
-pub fn decode<T: Sample>(table: &[T; 256], codes: &[u8], samples: &mut [T]) {
-    for (sample, &code) in samples.iter_mut().zip(codes) {
-        *sample = table[usize::from(code)];
+/// Samples that are decoded at a time: a brick's longest row.
+const ROW: usize = 128;
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+#[allow(clippy::manual_clamp, reason = "`max` turns NaN into 0, which `clamp` would keep")]
+fn quantise_f32<T: Sample>(samples: &[T], min: f32, scale: f32, codes: &mut [u8]) {
+    for (code, sample) in codes.iter_mut().zip(samples) {
+        let x = ((sample.to_f32() - min) * scale).max(0.0).min(255.0);
+        *code = (x + ROUND_F32).to_bits() as u8;
     }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+#[allow(clippy::manual_clamp, reason = "`max` turns NaN into 0, which `clamp` would keep")]
+fn quantise_f64<T: Sample>(samples: &[T], pre: f64, min: f64, scale: f64, codes: &mut [u8]) {
+    for (code, sample) in codes.iter_mut().zip(samples) {
+        let x = ((sample.to_f64() * pre - min) * scale).max(0.0).min(255.0);
+        *code = (x + ROUND_F64).to_bits() as u8;
+    }
+}
+
+/// `min + round(q * range / 255)` in 16-bit integers: 255 is odd, so there are no ties.
+///
+/// With c = 257 q, q * range / 255 = c * range / 65535, and for A = c * range + 32639 (a half less
+/// a bit) = 65536 h + l, floor(A / 65535) = h + (h + l >= 65535).
+#[inline(always)]
+fn decoded_integer<T: Sample>(min: u16, range: u16, code: u8) -> T {
+    let product = u32::from(257 * u16::from(code)) * u32::from(range);
+    let (low, carry) = (product as u16).overflowing_add(32_639);
+    let high = (product >> 16) as u16 + u16::from(carry);
+    let rounded = high.wrapping_add(u16::from(low >= !high));
+    T::from_i32(i32::from(min.wrapping_add(rounded)))
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn decode_integers<T: Sample>(min: u16, range: u16, codes: &[u8], samples: &mut [T]) {
+    for (sample, &code) in samples.iter_mut().zip(codes) {
+        *sample = decoded_integer(min, range, code);
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn errors_of_integers<T: Sample>(
+    min: u16,
+    range: u16,
+    samples: &[T],
+    codes: &[u8],
+    spans: impl Iterator<Item = Range<usize>>,
+) -> ErrorSum {
+    let mut sum = ErrorSum::default();
+    let mut decoded = [T::default(); ROW];
+    for span in spans {
+        for (samples, codes) in samples[span.clone()].chunks(ROW).zip(codes[span].chunks(ROW)) {
+            for (decoded, &code) in decoded.iter_mut().zip(codes) {
+                *decoded = decoded_integer(min, range, code);
+            }
+            sum.add_all(samples, &decoded);
+        }
+    }
+    sum
 }
 
 #[cfg(test)]
@@ -104,7 +202,7 @@ mod tests {
         let mut codes = vec![0; samples.len()];
         quantiser.quantise(samples, &mut codes);
         let mut decoded = vec![T::default(); samples.len()];
-        decode(&quantiser.table(), &codes, &mut decoded);
+        quantiser.decode(&codes, &mut decoded);
         decoded
     }
 
@@ -188,6 +286,42 @@ mod tests {
                 prop_assert!((twin - f64::from(d)).abs() <= 0.5 || error <= step / 2.0 + 0.5);
             }
         }
+    }
+
+    #[test]
+    fn integer_decoding_is_the_table_for_every_range_and_code() {
+        let codes: Vec<u8> = (0..=255).collect();
+        let mut decoded = [0_u16; 256];
+        for range in 1..=u16::MAX {
+            let quantiser = Quantiser::new(0, range);
+            quantiser.decode(&codes, &mut decoded);
+            assert_eq!(decoded, quantiser.table(), "{range}");
+        }
+        for (min, max) in [(i16::MIN, i16::MAX), (-5, 300), (i16::MIN, i16::MIN + 1)] {
+            let mut decoded = [0_i16; 256];
+            let quantiser = Quantiser::new(min, max);
+            quantiser.decode(&codes, &mut decoded);
+            assert_eq!(decoded, quantiser.table());
+        }
+        let mut decoded = [0_i8; 256];
+        let quantiser = Quantiser::new(i8::MIN, i8::MAX);
+        quantiser.decode(&codes, &mut decoded);
+        assert_eq!(decoded, quantiser.table());
+    }
+
+    #[test]
+    fn errors_over_spans_are_those_of_the_decoded_samples() {
+        let samples: Vec<u16> = (0..900_u32).map(|i| (i * 7919 % 50_021) as u16).collect();
+        let quantiser = Quantiser::new(0, 50_020);
+        let mut codes = vec![0; samples.len()];
+        quantiser.quantise(&samples, &mut codes);
+        let mut decoded = vec![0; samples.len()];
+        quantiser.decode(&codes, &mut decoded);
+        let mut expected = ErrorSum::default();
+        expected.add_all(&samples[5..300], &decoded[5..300]);
+        expected.add_all(&samples[310..311], &decoded[310..311]);
+        let spans = [5..300, 310..311].into_iter();
+        assert_eq!(quantiser.errors(&samples, &codes, spans), expected);
     }
 
     #[test]

@@ -392,7 +392,7 @@ fn decode_payload<T: Sample>(
         Encoding::Quantised8 => {
             let codes = payload::unpack(record, payload, samples.len(), unpacked)?;
             let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
-            quantised8::decode(&quantised8::Quantiser::new(min, max).table(), codes, samples);
+            quantised8::Quantiser::new(min, max).decode(codes, samples);
         }
         Encoding::Lossless => {
             let bytes = payload::unpack(record, payload, size_of_val(samples), unpacked)?;

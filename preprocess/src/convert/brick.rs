@@ -4,7 +4,7 @@ use crate::downsample::Core;
 use crate::error::PreprocessError;
 use crate::value_stats::BrickValues;
 use crate::walk::Visitor;
-use octree_store::encoding::{EncodeScratch, Filter, encode_brick};
+use octree_store::encoding::{EncodeScratch, Filter, encode_brick, finite_range};
 use octree_store::{BrickState, Encoding, ErrorSum, NodeKey, NodeRecord, Sample};
 
 /// Encodes bricks, from many threads at once.
@@ -26,14 +26,15 @@ pub(crate) struct ValueRules {
 }
 
 impl ValueRules {
-    /// Replaces NaN in the samples of level 0; the levels above are made of those.
-    pub(crate) fn apply<T: Sample>(&self, samples: &mut [T]) {
-        if let Some(value) = self.nan_value.filter(|_| !T::TYPE.is_integer()) {
-            let value = T::from_f64(value);
-            for sample in samples.iter_mut().filter(|sample| sample.is_nan()) {
-                *sample = value;
-            }
+    /// Replaces NaN in the samples of level 0, of which the levels above are made; tells whether
+    /// it may have.
+    pub(crate) fn apply<T: Sample>(&self, samples: &mut [T]) -> bool {
+        let Some(value) = self.nan_value.filter(|_| !T::TYPE.is_integer()) else { return false };
+        let value = T::from_f64(value);
+        for sample in samples.iter_mut().filter(|sample| sample.is_nan()) {
+            *sample = value;
         }
+        true
     }
 
     /// Whether a brick is dropped: no sample of it, overlap included, reaches the threshold.
@@ -63,12 +64,13 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
         samples: &mut [T],
         scratch: &mut EncodeScratch,
     ) -> Result<BrickOutput, PreprocessError> {
-        let values = (key.level() == 0).then(|| BrickValues::of(samples, core));
-        if key.level() == 0 {
-            self.rules.apply(samples);
+        let mut range = finite_range(samples);
+        let values = (key.level() == 0).then(|| BrickValues::of(samples, core, range));
+        if key.level() == 0 && self.rules.apply(samples) {
+            range = finite_range(samples);
         }
         let (mut record, mut payload) =
-            encode_brick(key, samples, self.encoding, core.rows(), scratch);
+            encode_brick(key, samples, self.encoding, range, core.rows(), scratch);
         if self.rules.drops(samples) {
             payload = Vec::new();
             record.state = BrickState::Empty;

@@ -79,8 +79,8 @@ pub enum NiftiHeaderError {
     },
     /// Two fields contradict each other.
     #[error(
-        "bitpix is {bitpix} and should be {expected} for datatype {} ({datatype:?}): one of the two \
-         is wrong; mend the header, or write the file anew",
+        "bitpix is {bitpix} and should be {expected} for datatype {} ({datatype:?}): one of the \
+         two is wrong; mend the header, or write the file anew",
         datatype.code()
     )]
     BitpixMismatch {
