@@ -167,6 +167,17 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_just_short_of_a_half_turn_is_kept() {
+        let a = 0.001_f64;
+        let b = (1.0 - a * a).sqrt();
+        let sine = 2.0 * a * b;
+        let expected =
+            [[1.0, 0.0, 0.0], [0.0, 2.0 * a * a - 1.0, -sine], [0.0, sine, 2.0 * a * a - 1.0]];
+        let rows = expected.map(|[x, y, z]| [x, y, z, 0.0]);
+        assert_near(qform_rows([b, 0.0, 0.0], [0.0; 3], [1.0; 3], false), rows, 1e-12);
+    }
+
+    #[test]
     fn shears_and_other_sizes_are_no_qform() {
         let identity = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
         let expected = Qform { bcd: [0.0; 3], qfac: 1.0 };

@@ -176,6 +176,7 @@ fn scaling_follows_nibabels_rules() {
     assert_eq!(scaling(1.0, 0.0), Ok(None));
     assert_eq!(scaling(1.0, -0.0), Ok(None));
     assert_eq!(scaling(0.0, 7.0), Ok(None));
+    assert!(scaling(0.0, f32::NAN).is_ok());
     assert_eq!(scaling(f32::NAN, f32::NAN), Ok(None));
     assert_eq!(scaling(f32::NEG_INFINITY, 7.0), Ok(None));
     assert_eq!(scaling(1.0, 7.0), Ok(Some((1.0, 7.0))));

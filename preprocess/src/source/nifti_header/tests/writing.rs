@@ -21,6 +21,13 @@ fn a_written_volume_is_nifti_1_while_its_dimensions_fit() {
 }
 
 #[test]
+fn unused_dimensions_are_written_as_one() {
+    let header = NiftiHeader { dims: vec![5, 6], ..nifti_1(false).parse().unwrap() };
+    let oracle = nifti::NiftiHeader::from_reader(&header.to_bytes()[..]).unwrap();
+    assert_eq!(oracle.dim, [2, 5, 6, 1, 1, 1, 1, 1]);
+}
+
+#[test]
 fn a_rotation_is_written_both_ways_and_a_shear_as_sform_only() {
     let written = |affine| {
         let (spacing, unit) = ([2.0, 3.0, 4.0], NiftiUnit::Millimetre);

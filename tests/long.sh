@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# The tests that take long: laws on many more cases, a volume of 2.1 GB, and its memory.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+PROPTEST_CASES=2000 cargo nextest run --workspace -E 'kind(lib)'
+PROPTEST_CASES=200 cargo nextest run -p preprocess -E 'binary(laws)'
+
+cargo build --release --workspace
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+octavo="$PWD/target/release/octavo"
+target/release/phantom micro-ct --dims 1024,1024,1024 -o "$work/p_1024x1024x1024_u16.raw"
+for threads in 1 2 7; do
+  "$octavo" convert "$work/p_1024x1024x1024_u16.raw" -o "$work/p.octavo" --force \
+    --threads "$threads" --json > "$work/$threads.json"
+done
+"$octavo" verify "$work/p.octavo" --against "$work/p_1024x1024x1024_u16.raw"
+python3 - "$work" <<'PY'
+import json, sys
+reports = [json.load(open(f"{sys.argv[1]}/{t}.json")) for t in (1, 2, 7)]
+assert len({r["digest"] for r in reports}) == 1, [r["digest"] for r in reports]
+for r in reports:
+    print(r["threads"], "threads:", r["voxels_per_sec"] / 1e6, "million voxels/s,",
+          r["peak_memory_bytes"] / 1e6, "MB own memory,", r["file_bytes"] / r["payload_bytes"], "file over payload")
+    assert r["peak_memory_bytes"] <= 600e6 and r["file_bytes"] <= 1.02 * r["payload_bytes"]
+print("3 passed, 0 failed")
+PY

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# Runs every test. Installs what they need first: Python with nibabel, an independent reader of NIfTI.
+# On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
+
+# A virtual environment for the readers, made once.
+venv="target/readers"
+if ! "$venv/bin/python" -c 'import nibabel, numpy' 2>/dev/null; then
+  if ! python3 -c 'import venv, ensurepip' 2>/dev/null; then
+    as_root apt-get update -qq
+    as_root apt-get install -y -qq --no-install-recommends python3 python3-venv
+  fi
+  rm -rf "$venv"
+  python3 -m venv "$venv"
+  "$venv/bin/pip" install --quiet --disable-pip-version-check nibabel numpy
+fi
+export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
+
+# Rust links through a C compiler.
+if ! command -v cc >/dev/null; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends gcc libc6-dev
+fi
+
+# nextest runs tests in parallel processes; without it cargo's own runner does the same work.
+if cargo nextest --version >/dev/null 2>&1; then
+  cargo nextest run --workspace --no-fail-fast
+else
+  cargo test --workspace --no-fail-fast --lib --bins --tests
+fi
+cargo test --workspace --doc
