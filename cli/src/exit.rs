@@ -49,7 +49,7 @@ fn is_environment(error: anyhow::Error) -> bool {
         .or_else(anyhow::Error::downcast::<PreprocessError>);
     match error {
         Ok(error) => error.is_environment(),
-        Err(error) => error.chain().any(|cause| cause.is::<io::Error>()),
+        Err(error) => error.is::<io::Error>(),
     }
 }
 

@@ -116,7 +116,7 @@ impl Foam {
         for (waves, x_turns) in self.waves.iter().zip(self.x_turns) {
             for wave in waves {
                 let phase = wave.phase_at(y, z).wrapping_add(x_turns.wrapping_mul(x as u64));
-                sum += (phase as f64 / 18_446_744_073_709_551_616.0 * TAU).cos();
+                sum += (phase as f64 / 18_446_744_073_709_551_616.0 * std::f64::consts::TAU).cos();
             }
         }
         sum * (2.0 / (GROUPS * WAVES_IN_GROUP) as f64).sqrt()

@@ -187,7 +187,7 @@ fn an_unreadable_file_is_named() {
     let bench = Bench::new();
     bench.scan("a_40x33x20_u16.raw");
     let file = bench.path("a_40x33x20_u16.raw");
-    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0)).unwrap();
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o000)).unwrap();
     let program = bench.path("octavo");
     std::fs::copy(env!("CARGO_BIN_EXE_octavo"), &program).unwrap();
     std::fs::set_permissions(bench.folder(), std::fs::Permissions::from_mode(0o777)).unwrap();

@@ -40,8 +40,11 @@ impl std::fmt::Debug for StoreWriter {
 }
 
 impl StoreWriter {
-    /// Bytes of memory that a writer takes at most, whatever it writes.
-    pub const MEMORY_BYTES: u64 = WRITER_CACHE_BYTES as u64 + (8 << 20);
+    /// Bytes of memory that a writer takes for a store of at most `store_bytes`: redb's cache, which
+    /// a small store does not fill, and its own bookkeeping.
+    pub fn memory_bytes(store_bytes: u64) -> u64 {
+        store_bytes.min(WRITER_CACHE_BYTES as u64) + (8 << 20)
+    }
 
     /// Creates an empty store in a new file.
     ///

@@ -11,8 +11,8 @@ use octree_store::{Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Memory of the program itself: code, stacks, buffers of the allocator.
-const BASE_BYTES: u64 = 12 << 20;
+/// Memory of the program itself: stacks, buffers of the allocator, redb without its cache.
+const BASE_BYTES: u64 = 8 << 20;
 /// Batches of octets alive at once: one in the making, one waiting, one being written.
 const BATCHES: u64 = 3;
 /// Octets a thread gets of one batch, where memory allows.
@@ -151,14 +151,16 @@ fn divide_memory(
     // Gathered samples, means, codes, and room for LZ4 to fail in.
     let thread_bytes = brick + core / 8 + coded + coded * 11 / 10 + (64 << 10);
     let octet_bytes = 8 * (coded + 256) + core;
-    let batches = |octets: u64| BATCHES * octets * octet_bytes;
+    let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
+    let batches = |octets: u64| (BATCHES * octets).min(all_octets) * octet_bytes;
+    let store = geometry.bricks() * (coded + 2 * NodeRecord::BYTES as u64);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
     let stream = source.stream_bytes().unwrap_or(0);
     let mut octets = threads;
     let mut memory = BASE_BYTES
-        + StoreWriter::MEMORY_BYTES
+        + StoreWriter::memory_bytes(store)
         + threads * thread_bytes
         + batches(octets)
         + pending
@@ -207,6 +209,11 @@ fn divide_memory(
         stream_chunks_ahead,
     };
     Ok((walk, memory, scratch))
+}
+
+/// Octets of a level.
+fn octets_at(geometry: &Geometry, level: u8) -> u64 {
+    geometry.grid_at(level).iter().map(|n| n.div_ceil(2)).product()
 }
 
 /// Bytes of a window's chunk.

@@ -92,6 +92,13 @@ pub enum SourceError {
         /// Why not.
         source: NiftiHeaderError,
     },
+    /// A header that belongs to a pair of files, under a single file's name.
+    #[error("{}: its header says that the voxels are in a file of their own: rename it to .hdr, with the \
+        .img beside it", path.display())]
+    HeaderOnly {
+        /// The file.
+        path: PathBuf,
+    },
     /// Neither of a pair's two files may be missing.
     #[error("{}: its other half {} is missing: a header and its image belong together", path.display(),
         partner.display())]

@@ -31,6 +31,9 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let (header_path, image_path) = halves(path)?;
     let header = read_header(&header_path)?;
     let single = header.kind == NiftiKind::SingleFile;
+    if !single && header_path == image_path {
+        return Err(SourceError::HeaderOnly { path: header_path });
+    }
     if single && header_path != image_path {
         // An .hdr that says n+1 carries its voxels itself.
         return open_with(&header_path, &header_path, &header, options);
