@@ -1,6 +1,6 @@
 //! An axis-parallel ellipsoid with a soft edge, and how much of a voxel it covers.
 //!
-//! With q^2 = sum ((p_i - c_i) / r_i)^2 in voxels, the distance to the surface is to first order
+//! With `q^2 = sum ((p_i - c_i) / r_i)^2` in voxels, the distance to the surface is to first order
 //! (1 - q^2) / (2 |grad(q^2) / 2|) (Taubin, "Distance approximations for rasterizing implicit
 //! curves", 1994), so that the edge is equally wide everywhere, also in a flat volume.
 
@@ -47,9 +47,9 @@ impl Ellipsoid {
         }
     }
 
-    /// The row's view. Two smallest radii fractions bound where the edge can be: since
-    /// |grad(q^2) / 2| <= q / `r_min`, the distance is at least |1 - q^2| `r_min` / (2 q), which is one
-    /// voxel or more beyond q = 1 +- 2 / `r_min`; the edge ends at 0.75.
+    /// The row's view. Where the edge can be is bounded: since
+    /// |grad(q^2) / 2| <= q / r, r being the smallest radius, the distance is at least
+    /// |1 - q^2| r / (2 q), which is one voxel or more beyond q = 1 +- 2 / r; the edge ends at 0.75.
     pub(crate) fn in_row(&self, y: usize, z: usize) -> RowEllipsoid {
         let [cx, cy, cz] = self.centre_xyz;
         let [rx, ry, rz] = self.radius_xyz;

@@ -17,8 +17,8 @@
 //! # What is guaranteed
 //! The same bytes on every machine, operating system and thread count. Only integer arithmetic and
 //! the IEEE operations `+ - * /`, square root and conversion are used, in a fixed order; sines come
-//! from a polynomial of our own ([`trig`](self)-free of the platform's mathematics library), noise
-//! from a hash of (seed, x, y, z). A change of the bytes for a given recipe is a change of this
+//! from a polynomial of our own instead of the platform's mathematics library, noise from a hash
+//! of (seed, x, y, z). A change of the bytes for a given recipe is a change of this
 //! crate's interface: a test holds the checksums.
 //!
 //! # Example

@@ -195,7 +195,7 @@ mod tests {
         let dims = [600, 500, 400];
         let phantom = MicroCt::new(1, 0.0, dims);
         let at = |u: [f64; 3]| {
-            let [x, y, z] = [0, 1, 2].map(|i| ((u[i] + 1.0) / 2.0 * dims[i] as f64) as usize);
+            let [x, y, z] = [0, 1, 2].map(|i| (f64::midpoint(u[i], 1.0) * dims[i] as f64) as usize);
             phantom.voxel(x, y, z)
         };
         assert_eq!(at([-0.99, -0.99, -0.99]), AIR);

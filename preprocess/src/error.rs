@@ -30,6 +30,19 @@ pub enum PreprocessError {
         /// What it left.
         path: PathBuf,
     },
+    /// Another conversion is writing to this output.
+    #[error("{}: another conversion is writing it: wait for that one, or give -o another name",
+        path.display())]
+    Busy {
+        /// The file being written.
+        path: PathBuf,
+    },
+    /// The output would replace the input.
+    #[error("{}: this is the input itself: give -o another name", path.display())]
+    OutputIsInput {
+        /// The output.
+        path: PathBuf,
+    },
     /// The output cannot be written.
     #[error("{}: {source}", path.display())]
     Output {
@@ -79,7 +92,7 @@ pub enum PreprocessError {
         thread: &'static str,
     },
     /// The caller asked to stop.
-    #[error("stopped")]
+    #[error("stopped before the end; nothing was left behind")]
     Cancelled,
 }
 
@@ -94,7 +107,11 @@ impl PreprocessError {
                 matches!(error, StoreError::Io { source, .. } if !is_denied(source))
                     || matches!(error, StoreError::InUse { .. })
             }
-            Self::Scratch(_) | Self::Thread(_) | Self::Panic { .. } => true,
+            Self::Scratch(_)
+            | Self::Thread(_)
+            | Self::Panic { .. }
+            | Self::Busy { .. }
+            | Self::Cancelled => true,
             _ => false,
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::downsample::Core;
 use crate::error::PreprocessError;
-use octree_store::{BrickScratch, NodeRecord, Sample, Store, with_sample_type};
+use octree_store::{BrickScratch, BrickState, NodeRecord, Sample, Store, with_sample_type};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -59,17 +59,16 @@ fn histogram_typed<T: Sample>(
 ) -> Result<Histogram, PreprocessError> {
     let bins = bins.max(1);
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut records: Vec<NodeRecord> = Vec::new();
     store.visit_level(level, |record| {
-        let empty = record.state == octree_store::BrickState::Empty;
+        let empty = record.state == BrickState::Empty;
         let value = store.metadata().empty_value;
         let (min, max) = if empty { (value, value) } else { (record.brick_min, record.brick_max) };
         (low, high) = (low.min(min), high.max(max));
-        records.push(*record);
         true
     })?;
-    // Widened where there is one value only, so that bins have a width.
-    let width = (high - low) / bins as f64;
+    // Widened where there is one value only, so that bins have a width. Halves, because the range of
+    // f64 extremes overflows.
+    let width = (high / 2.0 - low / 2.0) / bins as f64 * 2.0;
     let (width, start) = if width > 0.0 { (width, low) } else { (1.0 / bins as f64, low - 0.5) };
     let geometry = store.geometry();
     let count = |(mut counts, mut brick, mut scratch): Counting<T>, record: &NodeRecord| {
@@ -77,7 +76,7 @@ fn histogram_typed<T: Sample>(
         for row in Core::of(geometry, record.key).rows() {
             for v in &brick[row] {
                 let bin = if v.is_finite() {
-                    (((v.to_f64() - start) / width) as usize).min(bins - 1)
+                    (((v.to_f64() / 2.0 - start / 2.0) / (width / 2.0)) as usize).min(bins - 1)
                 } else {
                     bins
                 };
@@ -93,17 +92,33 @@ fn histogram_typed<T: Sample>(
             BrickScratch::default(),
         )
     };
-    let mut counts = records
-        .par_iter()
-        .try_fold(begin, count)
-        .map(|counting| counting.map(|(counts, ..)| counts))
-        .try_reduce(
-            || vec![0; bins + 1],
-            |mut a, b| {
-                a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
-                Ok(a)
-            },
-        )?;
+    let add = |mut a: Vec<u64>, b: Vec<u64>| {
+        a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        a
+    };
+    let count_batch = |records: &[NodeRecord]| {
+        records
+            .par_iter()
+            .try_fold(begin, count)
+            .map(|counting| counting.map(|(counts, ..)| counts))
+            .try_reduce(|| vec![0; bins + 1], |a, b| Ok(add(a, b)))
+    };
+    let mut counts = vec![0; bins + 1];
+    let mut batch: Vec<NodeRecord> = Vec::with_capacity(BATCH);
+    let mut outcome = Ok(());
+    store.visit_level(level, |record| {
+        batch.push(*record);
+        if batch.len() == BATCH {
+            match count_batch(&batch) {
+                Ok(more) => counts = add(std::mem::take(&mut counts), more),
+                Err(error) => outcome = Err(error),
+            }
+            batch.clear();
+        }
+        outcome.is_ok()
+    })?;
+    outcome?;
+    counts = add(counts, count_batch(&batch)?);
     let not_finite = counts.pop().unwrap_or(0);
     let edges = (0..=bins)
         .map(|i| if i == bins { start + width * bins as f64 } else { start + width * i as f64 });
@@ -117,6 +132,9 @@ fn histogram_typed<T: Sample>(
         not_finite,
     })
 }
+
+/// Bricks that are counted together: their records are what is held of the volume.
+const BATCH: usize = 4096;
 
 /// Counts so far, and a thread's buffers.
 type Counting<T> = (Vec<u64>, Vec<T>, BrickScratch);

@@ -12,9 +12,14 @@ use data_samples::{
 
 /// Write a synthetic volume to a raw file: x fastest, no header, the same bytes on any machine.
 ///
-/// Memory does not depend on the volume's size. RAYON_NUM_THREADS sets the number of threads.
+/// Memory does not depend on the volume's size.
 #[derive(Debug, Parser)]
-#[command(version, after_help = "Example: phantom micro-ct --dims 512,512,256 -o foam.raw")]
+#[command(
+    version,
+    after_help = "\
+Example: phantom micro-ct --dims 512,512,256 -o foam.raw
+RAYON_NUM_THREADS sets the number of threads. Exit codes: 0 done, 2 wrong usage, 3 cannot write."
+)]
 struct Arguments {
     #[command(subcommand)]
     kind: KindArguments,
@@ -91,7 +96,7 @@ struct OutputArguments {
     /// Most significant byte first
     #[arg(long)]
     big_endian: bool,
-    /// The file to write, replaced if it exists [default: KIND_XxYxZ_DTYPE.raw]
+    /// The file to write, replaced if it exists; `KIND_XxYxZ_DTYPE.raw` if not given
     #[arg(short, long, value_name = "OUT.raw")]
     output: Option<PathBuf>,
 }

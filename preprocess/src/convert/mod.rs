@@ -166,7 +166,8 @@ pub fn convert(
     let memory = PeakMemory::watch()?;
     let rules = options.value_rules(source.sample_type())?;
     let plan = ConversionPlan::new(source, output, options)?;
-    let place = Output::prepare(output, options.force)?;
+    let input = Path::new(&source.description.path);
+    let place = Output::prepare(output, input, options.force)?;
     let encoder = BrickEncoder { encoding: options.encoding, rules: &rules };
     let mut writer = StoreWriter::create(place.partial())?;
     let (values, writer_busy_secs) = with_sample_type!(source.sample_type(), T => {

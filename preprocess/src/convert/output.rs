@@ -16,15 +16,28 @@ pub(super) struct Output {
 
 impl Output {
     /// Looks at what is there already. With `force`, an earlier output will be replaced at the end,
-    /// and unfinished work goes now.
-    pub(super) fn prepare(path: &Path, force: bool) -> Result<Self, PreprocessError> {
+    /// and unfinished work goes now. `source` must not be the output.
+    pub(super) fn prepare(
+        path: &Path,
+        source: &Path,
+        force: bool,
+    ) -> Result<Self, PreprocessError> {
         let owned = || path.to_owned();
+        if path.canonicalize().is_ok_and(|path| source.canonicalize().is_ok_and(|s| s == path)) {
+            return Err(PreprocessError::OutputIsInput { path: owned() });
+        }
         if path.is_dir() || (path.exists() && !force) {
             return Err(PreprocessError::Exists { path: owned() });
         }
         let unfinished = unfinished_work(path)
             .map_err(|source| PreprocessError::Output { path: owned(), source })?;
         for left in unfinished {
+            // The database keeps a lock on the file while it is written.
+            let locked = File::open(&left)
+                .is_ok_and(|file| matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)));
+            if locked {
+                return Err(PreprocessError::Busy { path: left });
+            }
             if !force {
                 return Err(PreprocessError::Unfinished { path: left });
             }
@@ -90,7 +103,7 @@ mod tests {
     fn what_is_not_finished_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.octavo");
-        let output = Output::prepare(&path, false).unwrap();
+        let output = Output::prepare(&path, Path::new("in"), false).unwrap();
         fs::write(output.partial(), "half").unwrap();
         drop(output);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
@@ -101,18 +114,34 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.octavo");
         fs::write(&path, "old").unwrap();
-        assert!(matches!(Output::prepare(&path, false), Err(PreprocessError::Exists { .. })));
-        let output = Output::prepare(&path, true).unwrap();
+        assert!(matches!(
+            Output::prepare(&path, Path::new("in"), false),
+            Err(PreprocessError::Exists { .. })
+        ));
+        let output = Output::prepare(&path, Path::new("in"), true).unwrap();
         fs::write(output.partial(), "new").unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "old", "until the new one is whole");
         output.finish().unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "new");
 
+        assert!(matches!(
+            Output::prepare(&path, &folder.path().join("./a.octavo"), true),
+            Err(PreprocessError::OutputIsInput { .. })
+        ));
+
         let left = folder.path().join("b.octavo.partial");
         fs::write(&left, "half").unwrap();
         let other = folder.path().join("b.octavo");
-        assert!(matches!(Output::prepare(&other, false), Err(PreprocessError::Unfinished { .. })));
-        drop(Output::prepare(&other, true).unwrap());
+        assert!(matches!(
+            Output::prepare(&other, Path::new("in"), false),
+            Err(PreprocessError::Unfinished { .. })
+        ));
+        let writer = File::open(&left).unwrap();
+        writer.lock().unwrap();
+        let second = Output::prepare(&other, Path::new("in"), true);
+        assert!(matches!(second, Err(PreprocessError::Busy { .. })), "someone is writing it");
+        drop(writer);
+        drop(Output::prepare(&other, Path::new("in"), true).unwrap());
         assert!(!left.exists());
     }
 }
