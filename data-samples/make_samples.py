@@ -1,12 +1,14 @@
 """make_samples.py SOURCES: writes the bundled volumes and MANIFEST.tsv from copies of their origins.
 
-SOURCES holds the origins' files under the paths that the table below names. Needs nibabel, numpy and
-tifffile. The result is the same bytes every time: gzip files carry no time and no name.
+SOURCES holds the origins' files under the paths that the lines below name. Needs nibabel, numpy and
+tifffile. The result is the same bytes every time: gzip files carry no time and no name. (Another zlib
+may compress to other bytes; the voxels stay.)
 """
 import gzip
 import hashlib
 import pathlib
 import shutil
+import struct
 import sys
 
 import nibabel as nib
@@ -31,6 +33,28 @@ def nifti(name, voxels_xyz, spacing):
         f.write(gzip.compress(img.to_bytes(), 9, mtime=0))
 
 
+NIFTI_TYPES = {2: "u8", 4: "i16", 8: "i32", 16: "f32", 32: "complex64", 64: "f64", 128: "rgb24",
+               256: "i8", 512: "u16", 768: "u32", 1024: "i64", 1280: "u64", 1792: "complex128",
+               2304: "rgba32"}
+
+
+def described(path):
+    """dims, type and spacing as a NIfTI-1 header states them; an image has those of its header."""
+    path = path.with_name(path.name.replace(".img", ".hdr"))
+    if not path.exists():
+        path = path.with_name(path.name.removesuffix(".gz"))
+    data = path.read_bytes()
+    data = gzip.decompress(data) if path.suffix == ".gz" else data
+    order = "<" if struct.unpack("<i", data[:4])[0] == 348 else ">"
+    dim = struct.unpack(order + "8h", data[40:56])
+    code, = struct.unpack(order + "h", data[70:72])
+    pixdim = struct.unpack(order + "8f", data[76:108])
+    unit = {1: " m", 2: " mm", 3: " um"}.get(data[123] & 7, "")
+    endian = " big-endian" if order == ">" else ""
+    return ("x".join(map(str, dim[1:dim[0] + 1])), NIFTI_TYPES[code] + endian,
+            " ".join(f"{p:g}" for p in pixdim[1:4]) + unit)
+
+
 # 103 x 94 x 161 big-endian u16, x fastest.
 tooth = np.fromfile(sources / "nrrd/tooth.raw", ">u2").reshape(161, 94, 103).transpose(2, 1, 0)
 nifti("tooth.nii.gz", tooth.astype("<u2"), (1, 1, 1))
@@ -46,6 +70,10 @@ shutil.copyfile(sources / "raw8/bucky_32x32x32_uint8.raw", here / "bucky_32x32x3
 row("bucky_32x32x32_u8.raw", "computed density of a C60 molecule", "32x32x32", "u8", "1 1 1",
     "NVIDIA/cuda-samples Samples/5_Domain_Specific/volumeRender/data/Bucky.raw", "BSD-3-Clause")
 
+shutil.copyfile(sources / "nifti/nibabel/anatomical.nii", here / "anatomical.nii")
+row("anatomical.nii", "MRI of a head, big-endian file", *described(here / "anatomical.nii"),
+    "nipy/nibabel nibabel/tests/data/anatomical.nii", "MIT")
+
 suite = sources / "nifti/nifti-rs"
 for folder, kind, what in [("27", "nifti-suite", "one file a sample type"),
                            ("rgb", "nifti-suite", "colour"), ("rgba", "nifti-suite", "colour"),
@@ -57,7 +85,8 @@ for folder, kind, what in [("27", "nifti-suite", "one file a sample type"),
         target = here.joinpath(*parts)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, target)
-        row(str(target.relative_to(here)), what, "-", "-", "-",
+        says = ("-", "-", "-") if kind == "damaged" else described(path)
+        row(str(target.relative_to(here)), what, *says,
             f"Enet4/nifti-rs resources/{path.relative_to(suite)}", "MIT OR Apache-2.0")
 
 header = "file\twhat\tdims_xyz\tsample_type\tspacing\torigin\tlicence\tsha256"

@@ -37,8 +37,12 @@ fn message(error: &anyhow::Error) -> String {
 
 /// Whoever read our output has seen enough.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
-    let error = error.downcast_ref::<io::Error>();
-    error.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    error.chain().any(|cause| {
+        let io = cause.downcast_ref::<io::Error>();
+        let viuer = cause.downcast_ref::<viuer::ViuError>();
+        io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+            || matches!(viuer, Some(viuer::ViuError::Io(error)) if error.kind() == io::ErrorKind::BrokenPipe)
+    })
 }
 
 fn is_environment(error: anyhow::Error) -> bool {

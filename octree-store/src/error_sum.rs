@@ -1,5 +1,6 @@
 //! How far what a reader gets lies from the source: RMS and AMAX as sums that can be merged.
 
+use crate::exact_sum::CompensatedSum;
 use crate::sample::Sample;
 
 /// Errors of a set of voxels, in source units: the sum of their squares and their largest.
@@ -10,10 +11,29 @@ use crate::sample::Sample;
 pub struct ErrorSum {
     /// Voxels measured.
     pub voxels: u64,
-    /// Sum of the squared errors.
+    /// Sum of the squared errors. Of the errors x 2^-600 where AMAX is above 2^500, and x 2^600 where
+    /// it is below 2^-450: their squares would overflow or vanish otherwise.
     pub squares: f64,
     /// Largest absolute error.
     pub amax: f64,
+}
+
+/// What errors are multiplied by before they are squared: a power of two that follows from the largest.
+#[inline]
+pub(crate) fn scale(amax: f64) -> f64 {
+    const HUGE: f64 = power_of_two(500);
+    const TINY: f64 = power_of_two(-450);
+    if amax > HUGE {
+        const { power_of_two(-600) }
+    } else if amax < TINY {
+        const { power_of_two(600) }
+    } else {
+        1.0
+    }
+}
+
+const fn power_of_two(exponent: i64) -> f64 {
+    f64::from_bits(((1023 + exponent) as u64) << 52)
 }
 
 impl ErrorSum {
@@ -21,8 +41,19 @@ impl ErrorSum {
     #[inline]
     pub fn add(&mut self, error: f64) {
         self.voxels += 1;
-        self.squares += error * error;
-        self.amax = self.amax.max(error.abs());
+        let amax = self.amax.max(error.abs()).min(f64::MAX);
+        self.squares = self.squares_in_scale_of(amax);
+        self.amax = amax;
+        let scaled = error * scale(amax);
+        self.squares += scaled * scaled;
+    }
+
+    /// `squares` in the scale of a sum whose AMAX is `amax`, which is not below this one's.
+    #[inline]
+    pub(crate) fn squares_in_scale_of(&self, amax: f64) -> f64 {
+        let ratio = scale(amax) / scale(self.amax);
+        // Twice, because the square of the ratio underflows.
+        if ratio == 1.0 { self.squares } else { self.squares * ratio * ratio }
     }
 
     /// Counts (decoded - source) of every finite source sample, in order. Squares of integers up to
@@ -50,13 +81,57 @@ impl ErrorSum {
 
     /// The root mean square error; 0 where nothing was measured.
     pub fn rms(&self) -> f64 {
-        if self.voxels == 0 { 0.0 } else { (self.squares / self.voxels as f64).sqrt() }
+        if self.voxels == 0 {
+            return 0.0;
+        }
+        (self.squares / self.voxels as f64).sqrt() / scale(self.amax)
     }
 
     /// Peak signal to noise ratio in dB with `peak` = value range; `None` without error or range.
     pub fn psnr_db(&self, peak: f64) -> Option<f64> {
         let rms = self.rms();
         (rms > 0.0 && peak > 0.0).then(|| 20.0 * (peak / rms).log10())
+    }
+}
+
+/// Errors of many bricks, summed apart for each scale of the squares.
+#[derive(Debug, Default)]
+pub struct ErrorTotal {
+    voxels: u64,
+    tiny: Part,
+    plain: Part,
+    huge: Part,
+}
+
+/// Bricks of one scale.
+#[derive(Debug, Default)]
+struct Part {
+    squares: CompensatedSum,
+    amax: f64,
+}
+
+impl ErrorTotal {
+    /// Adds a brick's errors; the order matters to the last bit alone.
+    pub fn add(&mut self, error: &ErrorSum) {
+        self.voxels += error.voxels;
+        let part = match scale(error.amax) {
+            up if up > 1.0 => &mut self.tiny,
+            down if down < 1.0 => &mut self.huge,
+            _ => &mut self.plain,
+        };
+        part.squares.add(error.squares);
+        part.amax = part.amax.max(error.amax);
+    }
+
+    /// The errors of all bricks.
+    pub fn total(&self) -> ErrorSum {
+        let Self { voxels, tiny, plain, huge } = self;
+        let amax = tiny.amax.max(plain.amax).max(huge.amax);
+        let squares = [tiny, plain, huge].map(|part| {
+            let part = ErrorSum { voxels: 0, squares: part.squares.value(), amax: part.amax };
+            part.squares_in_scale_of(amax)
+        });
+        ErrorSum { voxels: *voxels, squares: squares.into_iter().sum(), amax }
     }
 }
 
@@ -85,6 +160,43 @@ mod tests {
         assert_eq!(exact, float);
         assert_eq!((exact.voxels, exact.amax), (4, 65535.0));
         assert_eq!(exact.squares, 1.0 + 65535.0 * 65535.0 + 4.0);
+    }
+
+    #[test]
+    fn errors_whose_squares_overflow_or_vanish_have_an_rms() {
+        let mut sum = ErrorSum::default();
+        // One after the other: below 2^-450, within, and above 2^500, then just above where it changes.
+        for unit in [1e-250, 1.0, 1e200, 2_f64.powi(499)] {
+            for order in [[3.0, 4.0], [4.0, 3.0]] {
+                let mut sum = ErrorSum::default();
+                for error in order {
+                    sum.add(error * unit);
+                }
+                assert!((sum.rms() / (unit * 12.5_f64.sqrt()) - 1.0).abs() < 1e-15, "{unit}");
+                assert_eq!(sum.amax, 4.0 * unit);
+            }
+        }
+        for error in [1e-250, 1.0, 3e200, -4e200, 0.0, 0.0] {
+            sum.add(error);
+        }
+        assert!((sum.rms() / (5e200 / 6_f64.sqrt()) - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_total_over_bricks_of_every_scale_is_that_of_all_voxels() {
+        for unit in [1e-250, 1.0, 2_f64.powi(499), 1e200] {
+            let mut total = ErrorTotal::default();
+            for errors in [[3.0, 1.0], [4.0, 0.0], [0.0, 0.0]] {
+                let mut brick = ErrorSum::default();
+                for error in errors {
+                    brick.add(error * unit);
+                }
+                total.add(&brick);
+            }
+            let total = total.total();
+            assert!((total.rms() / (unit * (26.0_f64 / 6.0).sqrt()) - 1.0).abs() < 1e-15, "{unit}");
+            assert_eq!((total.voxels, total.amax), (6, 4.0 * unit));
+        }
     }
 
     #[test]

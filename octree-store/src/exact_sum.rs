@@ -37,6 +37,41 @@ impl FromIterator<f64> for CompensatedSum {
     }
 }
 
+/// The root mean square of weighted values, kept as a scale and a sum of ratios so that no square
+/// overflows (as LAPACK's `dlassq` does).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct WeightedRms {
+    scale: f64,
+    squares: CompensatedSum,
+    weight: f64,
+}
+
+impl WeightedRms {
+    /// Adds a finite value that is not negative, with its weight.
+    pub fn add(&mut self, weight: f64, value: f64) {
+        if value > self.scale {
+            let ratio = self.scale / value;
+            let rescaled = self.squares.value() * ratio * ratio;
+            self.squares = CompensatedSum { sum: rescaled, error: 0.0 };
+            self.scale = value;
+        }
+        if self.scale > 0.0 {
+            let ratio = value / self.scale;
+            self.squares.add(weight * ratio * ratio);
+        }
+        self.weight += weight;
+    }
+
+    /// The root mean square; 0 of nothing.
+    pub fn value(&self) -> f64 {
+        if self.weight > 0.0 {
+            self.scale * (self.squares.value() / self.weight).sqrt()
+        } else {
+            0.0
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,6 +85,19 @@ mod tests {
             "the plain sum must fail for this test to say much"
         );
         assert_eq!(terms.into_iter().collect::<CompensatedSum>().value(), 2.0);
+    }
+
+    #[test]
+    fn a_weighted_rms_follows_its_definition_without_overflow() {
+        for unit in [1.0, 1e250, 1e-250] {
+            let mut rms = WeightedRms::default();
+            rms.add(2.0, 3.0 * unit);
+            rms.add(1.0, 4.0 * unit);
+            rms.add(1.0, 0.0);
+            let expected = (34.0_f64 / 4.0).sqrt() * unit; // (2 x 9 + 16) / 4
+            assert!((rms.value() / expected - 1.0).abs() < 1e-14, "{unit}");
+        }
+        assert_eq!(WeightedRms::default().value(), 0.0);
     }
 
     #[test]

@@ -68,8 +68,8 @@ pub mod verify;
 
 pub use encoding::{Encoding, encode_samples};
 pub use error::{Damage, StoreError};
-pub use error_sum::ErrorSum;
-pub use exact_sum::CompensatedSum;
+pub use error_sum::{ErrorSum, ErrorTotal};
+pub use exact_sum::{CompensatedSum, WeightedRms};
 pub use geometry::{Geometry, GeometryError, Region};
 pub use key::NodeKey;
 pub use metadata::{

@@ -3,8 +3,8 @@
 //! The sums are made in key order from the records alone, so they depend neither on threads nor on
 //! the order of work, and a verification can make them anew.
 
-use crate::error_sum::ErrorSum;
-use crate::exact_sum::CompensatedSum;
+use crate::error_sum::ErrorTotal;
+use crate::exact_sum::WeightedRms;
 use crate::geometry::Geometry;
 use crate::metadata::{LevelSummary, Metadata};
 use crate::record::{BrickState, NodeRecord};
@@ -14,7 +14,9 @@ use crate::record::{BrickState, NodeRecord};
 pub(crate) struct Summary {
     geometry: Geometry,
     levels: Vec<LevelSums>,
-    dropped: Errors,
+    dropped: ErrorTotal,
+    /// Voxels in dropped bricks, those that are no numbers included.
+    dropped_voxels: u64,
 }
 
 #[derive(Debug, Default)]
@@ -23,35 +25,15 @@ struct LevelSums {
     uniform: u64,
     empty: u64,
     payload_bytes: u64,
-    kept: Errors,
-    lod_weight: u64,
-    lod_squares: CompensatedSum,
+    kept: ErrorTotal,
+    lod_rms: WeightedRms,
     lod_amax: f64,
-}
-
-#[derive(Debug, Default)]
-struct Errors {
-    voxels: u64,
-    squares: CompensatedSum,
-    amax: f64,
-}
-
-impl Errors {
-    fn add(&mut self, error: &ErrorSum) {
-        self.voxels += error.voxels;
-        self.squares.add(error.squares);
-        self.amax = self.amax.max(error.amax);
-    }
-
-    fn total(&self) -> ErrorSum {
-        ErrorSum { voxels: self.voxels, squares: self.squares.value(), amax: self.amax }
-    }
 }
 
 impl Summary {
     pub(crate) fn new(geometry: &Geometry) -> Self {
         let levels = geometry.levels().map(|_| LevelSums::default()).collect();
-        Self { geometry: *geometry, levels, dropped: Errors::default() }
+        Self { geometry: *geometry, levels, dropped: ErrorTotal::default(), dropped_voxels: 0 }
     }
 
     /// Adds the next record in key order; records outside the geometry are passed over.
@@ -70,10 +52,9 @@ impl Summary {
             level.kept.add(&record.error);
         } else if record.key.level() == 0 {
             self.dropped.add(&record.error);
+            self.dropped_voxels += self.geometry.core_region(record.key).voxels();
         }
-        let weight = self.geometry.voxels_beneath(record.key);
-        level.lod_weight += weight;
-        level.lod_squares.add(weight as f64 * record.lod_rms_bound * record.lod_rms_bound);
+        level.lod_rms.add(self.geometry.voxels_beneath(record.key) as f64, record.lod_rms_bound);
         level.lod_amax = level.lod_amax.max(record.lod_amax_bound);
     }
 
@@ -83,7 +64,7 @@ impl Summary {
             (0_u8..).zip(&self.levels).map(|(level, sums)| self.level(level, sums)).collect();
         metadata.payload_bytes = self.levels.iter().map(|level| level.payload_bytes).sum();
         let dropped = self.dropped.total();
-        metadata.dropped_voxels = dropped.voxels;
+        metadata.dropped_voxels = self.dropped_voxels;
         metadata.dropped_rms = dropped.rms();
         metadata.dropped_amax = dropped.amax;
     }
@@ -100,7 +81,7 @@ impl Summary {
             payload_bytes: sums.payload_bytes,
             rms: kept.rms(),
             amax: kept.amax,
-            lod_rms_bound: (sums.lod_squares.value() / sums.lod_weight.max(1) as f64).sqrt(),
+            lod_rms_bound: sums.lod_rms.value(),
             lod_amax_bound: sums.lod_amax,
         }
     }

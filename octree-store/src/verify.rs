@@ -36,18 +36,19 @@ impl Report {
     }
 }
 
-/// Checks every record and payload of a store, and calls `progress` after each brick.
+/// Checks every record and payload of a store; after each brick it calls `go_on`, and ends with
+/// `None` where that says false.
 ///
 /// # Errors
 /// When the file cannot be read at all. Damage is no error: it stands in the report.
-pub fn verify(store: &Store, progress: impl FnMut()) -> Result<Report, StoreError> {
-    with_sample_type!(store.metadata().sample_type, T => verify_typed::<T>(store, progress))
+pub fn verify(store: &Store, go_on: impl FnMut() -> bool) -> Result<Option<Report>, StoreError> {
+    with_sample_type!(store.metadata().sample_type, T => verify_typed::<T>(store, go_on))
 }
 
 fn verify_typed<T: Sample>(
     store: &Store,
-    mut progress: impl FnMut(),
-) -> Result<Report, StoreError> {
+    mut go_on: impl FnMut() -> bool,
+) -> Result<Option<Report>, StoreError> {
     let geometry = store.geometry();
     let mut samples = vec![T::default(); geometry.brick_samples()];
     let mut report = Report::default();
@@ -67,7 +68,9 @@ fn verify_typed<T: Sample>(
                 }
                 Err(other) => return Err(other),
             }
-            progress();
+            if !go_on() {
+                return Ok(None);
+            }
         }
     }
     if report.damaged.is_empty() {
@@ -79,7 +82,7 @@ fn verify_typed<T: Sample>(
             report.metadata = Some("its digest does not follow from the records");
         }
     }
-    Ok(report)
+    Ok(Some(report))
 }
 
 /// The keys of a level in key order, without holding them all: by descent from the root.

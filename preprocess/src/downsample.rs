@@ -5,7 +5,8 @@
 //! finite cells; where there is none it is the IEEE mean of all.
 
 use multiversion::multiversion;
-use octree_store::{Geometry, NodeKey, Sample};
+use octree_store::encoding::finite_range;
+use octree_store::{Geometry, NodeKey, Sample, SampleType};
 
 /// A brick's in-volume core, as a box inside the brick's samples.
 #[derive(Debug, Clone, Copy)]
@@ -111,10 +112,10 @@ fn mean_of_halves<T: Sample>(cells: impl Iterator<Item = T> + Clone) -> f64 {
 /// (fine cell - coarse cell that holds it), each fine cell weighted by its level-0 voxels.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct StepDeviation {
-    /// Weighted sum of the squared deviations.
-    pub squares: f64,
+    /// Root mean square deviation.
+    pub(crate) rms: f64,
     /// Largest absolute deviation.
-    pub amax: f64,
+    pub(crate) amax: f64,
 }
 
 /// Measures one brick's step to its coarse cells. Cells that are not finite deviate by 0.
@@ -135,7 +136,15 @@ pub(crate) fn step_deviation<T: Sample>(
         let start = (region.max[axis] - 1) << key.level();
         full.min(geometry.dims_xyz()[axis] - start)
     });
-    let mut total = StepDeviation::default();
+    // Squares of the widest and the narrowest f64 ranges would overflow or vanish: a power of two
+    // keeps them within.
+    let range = if T::TYPE == SampleType::F64 { finite_range(brick) } else { None };
+    let scale = match range.map(|(min, max)| max.to_f64() - min.to_f64()) {
+        Some(wide) if wide > 1e150 => 2_f64.powi(-600),
+        Some(narrow) if narrow < 1e-140 => 2_f64.powi(600),
+        _ => 1.0,
+    };
+    let (mut total, mut amax) = (0.0, 0.0_f64);
     for z in 0..nz {
         let weight_z = if z + 1 == nz { last_weight[2] } else { full };
         for y in 0..ny {
@@ -144,19 +153,23 @@ pub(crate) fn step_deviation<T: Sample>(
             let coarse = &coarse[(z / 2 * cy + y / 2) * cx..][..cx];
             // Whole rows where all their cells weigh the same, else the last cell apart.
             let body = if last_weight[0] == full { nx } else { nx - 1 };
-            let (squares, max) = squares_and_max(&fine[..body], coarse);
-            let (end, end_max) = squares_and_max(&fine[body..], &coarse[body / 2..]);
+            let (squares, max) = squares_and_max(&fine[..body], coarse, scale);
+            let (end, end_max) = squares_and_max(&fine[body..], &coarse[body / 2..], scale);
             let row = full as f64 * squares + last_weight[0] as f64 * end;
-            total.squares += (weight_y * weight_z) as f64 * row;
-            total.amax = total.amax.max(max).max(end_max);
+            total += (weight_y * weight_z) as f64 * row;
+            amax = amax.max(max).max(end_max);
         }
     }
-    total
+    let voxels = geometry.voxels_beneath(key) as f64;
+    StepDeviation {
+        rms: ((total / voxels).sqrt() / scale).min(f64::MAX),
+        amax: (amax / scale).min(f64::MAX),
+    }
 }
 
-/// Squares and largest of (fine - coarse), two fine cells to a coarse one.
+/// Squares and largest of (fine - coarse) x scale, two fine cells to a coarse one.
 #[inline(always)]
-fn squares_and_max<T: Sample>(fine: &[T], coarse: &[T]) -> (f64, f64) {
+fn squares_and_max<T: Sample>(fine: &[T], coarse: &[T], scale: f64) -> (f64, f64) {
     let pairs = fine.chunks_exact(2).zip(coarse);
     let odd = fine.chunks_exact(2).remainder().iter().zip(&coarse[fine.len() / 2..]);
     if T::TYPE.is_integer() && size_of::<T>() <= 2 {
@@ -179,7 +192,7 @@ fn squares_and_max<T: Sample>(fine: &[T], coarse: &[T]) -> (f64, f64) {
     let (mut squares, mut max) = (0.0, 0.0_f64);
     let mut add = |fine: T, coarse: T| {
         if fine.is_finite() && coarse.is_finite() {
-            let deviation = fine.to_f64() - coarse.to_f64();
+            let deviation = fine.to_f64() * scale - coarse.to_f64() * scale;
             squares += deviation * deviation;
             max = max.max(deviation.abs());
         }
@@ -216,7 +229,7 @@ mod tests {
         mean(brick, &core, &mut coarse);
         let [cx, cy, cz] = core.coarse_extent();
         let at = |[x, y, z]: [usize; 3]| brick[core.row(y, z)][x].to_f64();
-        let mut twin_step = StepDeviation::default();
+        let (mut twin_squares, mut twin_amax) = (0.0, 0.0_f64);
         for (i, cell) in coarse.iter().enumerate() {
             let [x, y, z] = [i % cx, i / cx % cy, i / cx / cy];
             let mut cells = Vec::new();
@@ -232,16 +245,17 @@ mod tests {
                         })
                         .product();
                     let deviation = at(fine) - cell.to_f64();
-                    twin_step.squares += weight as f64 * deviation * deviation;
-                    twin_step.amax = twin_step.amax.max(deviation.abs());
+                    twin_squares += weight as f64 * deviation * deviation;
+                    twin_amax = twin_amax.max(deviation.abs());
                 }
             }
             assert_eq!(cell.to_f64() as i64, mean_twin(&cells), "{:?} of {cells:?}", T::TYPE);
         }
         assert_eq!(coarse.len(), cx * cy * cz);
         let step = step_deviation(brick, &core, &coarse, geometry, key);
-        assert_eq!(step.amax, twin_step.amax);
-        assert!((step.squares - twin_step.squares).abs() <= 1e-9 * twin_step.squares);
+        assert_eq!(step.amax, twin_amax);
+        let twin_rms = (twin_squares / geometry.voxels_beneath(key) as f64).sqrt();
+        assert!((step.rms - twin_rms).abs() <= 1e-9 * twin_rms);
     }
 
     proptest! {

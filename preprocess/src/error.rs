@@ -56,7 +56,7 @@ pub enum PreprocessError {
     Scratch(#[source] io::Error),
     /// The memory budget is too small for this volume.
     #[error("--memory {budget} is too small: this conversion needs at least {needed} bytes; give \
-        --memory {}MiB, or fewer --threads", needed.div_ceil(1 << 20))]
+        --memory {}MiB", needed.div_ceil(1 << 20))]
     MemoryTooSmall {
         /// The budget in bytes.
         budget: u64,

@@ -1,6 +1,7 @@
 //! Volumes written out again: raw and NIfTI, in the source's type, streamed slice by slice.
 
 use crate::error::PreprocessError;
+use crate::progress::Progress;
 use crate::source::SourceError;
 use crate::source::nifti_header::{NiftiDatatype, NiftiHeader, NiftiUnit};
 use crate::volume::Volume;
@@ -8,6 +9,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use octree_store::{LengthUnit, Sample, SampleType, with_sample_type};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use tempfile::NamedTempFile;
 
@@ -36,32 +38,34 @@ impl ExportFormat {
 ///
 /// # Errors
 /// When the volume cannot be read, the format cannot hold it, the output exists and `force` is not
-/// set, or cannot be written.
+/// set, or cannot be written, or `progress` asks to stop. Nothing is left then.
 pub fn export(
     volume: &Volume,
     output: &Path,
     format: ExportFormat,
     force: bool,
+    progress: &dyn Progress,
 ) -> Result<(), PreprocessError> {
-    if output.is_dir() || (output.exists() && !force) {
+    if output.exists() && !(output.is_file() && force) {
         return Err(PreprocessError::Exists { path: output.to_owned() });
     }
     let failed = |source: io::Error| PreprocessError::Output { path: output.to_owned(), source };
     let file = tempfile::Builder::new()
         .prefix(".octavo-")
+        .permissions(std::fs::Permissions::from_mode(0o666))
         .tempfile_in(super::convert::folder_of(output))
         .map_err(failed)?;
     let mut writer = BufWriter::with_capacity(1 << 20, file);
     match format {
-        ExportFormat::Raw => write_voxels(volume, &mut writer, output)?,
+        ExportFormat::Raw => write_voxels(volume, &mut writer, output, progress)?,
         ExportFormat::Nifti => {
             writer.write_all(&nifti_header(volume, output)?).map_err(failed)?;
-            write_voxels(volume, &mut writer, output)?;
+            write_voxels(volume, &mut writer, output, progress)?;
         }
         ExportFormat::NiftiGz => {
             let mut gzip = GzEncoder::new(&mut writer, Compression::fast());
             gzip.write_all(&nifti_header(volume, output)?).map_err(failed)?;
-            write_voxels(volume, &mut gzip, output)?;
+            write_voxels(volume, &mut gzip, output, progress)?;
             gzip.finish().map_err(failed)?;
         }
     }
@@ -69,14 +73,11 @@ pub fn export(
     persist(file, output).map_err(failed)
 }
 
-/// Makes a finished file durable and gives it its name, readable as other new files are.
+/// Makes a finished file durable and gives it its name.
 ///
 /// # Errors
 /// When the system refuses.
 pub fn persist(file: NamedTempFile, output: &Path) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    // Temporary files are private; an output is a file like any other.
-    file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))?;
     file.as_file().sync_all()?;
     file.persist(output)?;
     Ok(())
@@ -86,20 +87,25 @@ fn write_voxels(
     volume: &Volume,
     writer: &mut impl Write,
     output: &Path,
+    progress: &dyn Progress,
 ) -> Result<(), PreprocessError> {
-    with_sample_type!(volume.sample_type(), T => write_samples::<T>(volume, writer, output))
+    with_sample_type!(volume.sample_type(), T => write_samples::<T>(volume, writer, output, progress))
 }
 
 fn write_samples<T: Sample>(
     volume: &Volume,
     writer: &mut impl Write,
     output: &Path,
+    progress: &dyn Progress,
 ) -> Result<(), PreprocessError> {
     let [width, height, depth] = volume.dims_xyz();
     let mut slice = vec![T::default(); (width * height) as usize];
     let mut slices = volume.slices::<T>()?;
     let mut bytes = Vec::with_capacity(size_of_val(slice.as_slice()));
     for _ in 0..depth {
+        if progress.should_stop() {
+            return Err(PreprocessError::Cancelled);
+        }
         slices.next(&mut slice)?;
         bytes.clear();
         for sample in &slice {

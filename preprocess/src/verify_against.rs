@@ -12,7 +12,7 @@ use crate::walk::{Octet, Visitor, walk};
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
 use octree_store::{
-    BrickScratch, CompensatedSum, Damage, ErrorSum, NodeKey, Region, Sample, Store, StoreError,
+    BrickScratch, Damage, ErrorSum, ErrorTotal, NodeKey, Region, Sample, Store, StoreError,
     with_sample_type,
 };
 use serde::Serialize;
@@ -40,14 +40,14 @@ fn roi(store: &Store) -> Option<Region> {
     Some(Region { min, max })
 }
 
-/// Measures a store's errors anew from its source, on `threads` threads.
+/// Measures a store's errors anew from its source; of `how`, threads, memory and scratch are used.
 ///
 /// # Errors
 /// When the source cannot be read, or is not of the store's size and type.
 pub fn verify_against(
     store: &Store,
     source: Source,
-    threads: usize,
+    how: &ConvertOptions,
     progress: &dyn Progress,
 ) -> Result<AgainstReport, PreprocessError> {
     let metadata = store.metadata();
@@ -66,9 +66,8 @@ pub fn verify_against(
         brick_core: metadata.brick_core,
         brick_overlap: metadata.brick_overlap,
         encoding: metadata.encoding,
-        threads,
-        scratch: Some(std::env::temp_dir()),
-        ..ConvertOptions::default()
+        scratch: how.scratch.clone().or_else(|| Some(std::env::temp_dir())),
+        ..how.clone()
     };
     let plan = ConversionPlan::new(&source, store.path(), &options)?;
     let rules = ValueRules {
@@ -77,7 +76,7 @@ pub fn verify_against(
         empty_value: metadata.empty_value,
     };
     let against = Against { store, rules };
-    let (mut kept, mut dropped) = (Total::default(), Total::default());
+    let (mut kept, mut dropped) = (ErrorTotal::default(), ErrorTotal::default());
     let mut damaged = Vec::new();
     let mut sink = |octets: Vec<Octet<Measured>>| {
         for visited in octets.into_iter().flatten() {
@@ -95,6 +94,7 @@ pub fn verify_against(
         walk::<T, _>(&source, &plan.geometry, &pool, &plan.walk, &against, &mut sink)?;
     });
     damaged.sort_by_key(|node: &DamagedNode| node.key);
+    let (kept, dropped) = (kept.total(), dropped.total());
     Ok(AgainstReport {
         rms: kept.rms(),
         amax: kept.amax,
@@ -102,25 +102,6 @@ pub fn verify_against(
         dropped_amax: dropped.amax,
         damaged,
     })
-}
-
-#[derive(Debug, Default)]
-struct Total {
-    voxels: u64,
-    squares: CompensatedSum,
-    amax: f64,
-}
-
-impl Total {
-    fn add(&mut self, error: &ErrorSum) {
-        self.voxels += error.voxels;
-        self.squares.add(error.squares);
-        self.amax = self.amax.max(error.amax);
-    }
-
-    fn rms(&self) -> f64 {
-        ErrorSum { voxels: self.voxels, squares: self.squares.value(), amax: self.amax }.rms()
-    }
 }
 
 /// Compares each brick of the source with what the store gives for it.

@@ -144,6 +144,7 @@ fn an_output_that_exists_or_is_unfinished_is_kept() {
     bench.write("a.octavo", b"mine");
     refused(&bench, "convert a_40x33x20_u16.raw -o a.octavo", 2, &["a.octavo", "--force"]);
     assert_eq!(std::fs::read(bench.path("a.octavo")).unwrap(), b"mine");
+    bench.write("a.octavo.json", b"a report of mine");
     bench.write("b.octavo.partial", b"half");
     refused(&bench, "convert a_40x33x20_u16.raw -o b.octavo", 2, &["b.octavo.partial", "--force"]);
     bench.ok("convert a_40x33x20_u16.raw -o b.octavo --force");
@@ -226,11 +227,13 @@ fn a_closed_pipe_is_no_error() {
     let bench = Bench::new();
     bench.scan("a_40x33x20_u16.raw");
     bench.ok("convert a_40x33x20_u16.raw -o a.octavo");
-    let script = "\"$0\" histogram a.octavo --bins 65536 --csv | head -n 1; exit ${PIPESTATUS[0]}";
-    let mut command = Command::new("bash");
-    command.args(["-c", script, env!("CARGO_BIN_EXE_octavo")]).current_dir(bench.folder());
-    let output = command.output().unwrap();
-    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    for words in ["histogram a.octavo --bins 65536 --csv", "preview a.octavo --width 400"] {
+        let script = format!("\"$0\" {words} | head -n 1; exit ${{PIPESTATUS[0]}}");
+        let mut command = Command::new("bash");
+        command.args(["-c", &script, env!("CARGO_BIN_EXE_octavo")]).current_dir(bench.folder());
+        let output = command.output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    }
     assert!(octavo().output().unwrap().status.code() == Some(2), "no command is wrong usage");
 }
 

@@ -1,6 +1,6 @@
 //! Every command does what its documentation says.
 
-use crate::support::Bench;
+use crate::support::{Bench, sample};
 use serde_json::json;
 
 fn bench() -> Bench {
@@ -350,4 +350,67 @@ fn an_earlier_store_is_replaced_only_when_asked() {
     assert_eq!(std::fs::read(bench.path("a.octavo")).unwrap(), before);
     bench.ok("convert a_40x33x20_u16.raw -o a.octavo --encoding lossless --force");
     assert_eq!(bench.ok("info a.octavo --json").json()["encoding"], "lossless");
+}
+
+#[test]
+fn limits_hold_where_there_is_no_psnr() {
+    let bench = Bench::new();
+    bench.write("a_4x4x4_u8.raw", &[0; 64]);
+    bench.write("b_4x4x4_u8.raw", &[255; 64]);
+    assert_eq!(bench.run("compare a_4x4x4_u8.raw b_4x4x4_u8.raw --min-psnr 1").code, 1);
+    assert_eq!(bench.run("compare a_4x4x4_u8.raw a_4x4x4_u8.raw --min-psnr 1").code, 0);
+    let floats = |v: f32| v.to_le_bytes().repeat(64);
+    bench.write("c_4x4x4_f32.raw", &floats(1.0));
+    bench.write("d_4x4x4_f32.raw", &floats(f32::NAN));
+    assert_eq!(bench.run("compare c_4x4x4_f32.raw d_4x4x4_f32.raw --min-psnr 1").code, 1);
+}
+
+#[test]
+fn a_given_spacing_moves_the_affine_with_it() {
+    let bench = Bench::new();
+    let file = sample("nifti-suite/27/uint8.nii");
+    let own = bench.ok(&format!("convert {file} -o a.octavo --json")).json();
+    let given = bench.ok(&format!("convert {file} -o b.octavo --json --spacing 10,20,30")).json();
+    assert_eq!(given["spacing_xyz"], json!([10.0, 20.0, 30.0]));
+    for row in 0..3 {
+        for (axis, spacing) in [10.0, 20.0, 30.0].into_iter().enumerate() {
+            let number = |info: &serde_json::Value| info["affine"][row][axis].as_f64().unwrap();
+            let per_voxel = number(&own) / own["spacing_xyz"][axis].as_f64().unwrap();
+            assert!((number(&given) - per_voxel * spacing).abs() < 1e-9);
+        }
+        assert_eq!(given["affine"][row][3], own["affine"][row][3]);
+    }
+}
+
+#[test]
+fn files_are_as_private_as_the_user_wants() {
+    use std::os::unix::fs::PermissionsExt;
+    let bench = bench();
+    let script = "umask 077; \"$0\" extract a.octavo -o e.raw && \"$0\" histogram a.octavo -o h.svg && \
+                  umask 022; \"$0\" extract a.octavo -o f.raw";
+    let mut command = std::process::Command::new("bash");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_octavo")]).current_dir(bench.folder());
+    assert!(command.status().unwrap().success());
+    for (name, mode) in [("e.raw", 0o600), ("h.svg", 0o600), ("f.raw", 0o644)] {
+        let permissions = std::fs::metadata(bench.path(name)).unwrap().permissions();
+        assert_eq!(permissions.mode() & 0o777, mode, "{name}");
+    }
+}
+
+#[test]
+fn own_memory_keeps_to_the_least_budget_and_its_prediction() {
+    let bench = Bench::new();
+    let slice: Vec<u8> =
+        (0..2048 * 2048_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 20) as u8).collect();
+    bench.write("wide_2048x2048x40_u8.raw", &slice.repeat(40));
+    let refused = bench.run("convert wide_2048x2048x40_u8.raw --memory 1MB");
+    let least = refused.err.split("needs at least ").nth(1).unwrap().split(' ').next().unwrap();
+    let report = bench
+        .ok(&format!("convert wide_2048x2048x40_u8.raw --json --threads 1 --memory {least}"))
+        .json();
+    let [peak, predicted] =
+        ["peak_memory_bytes", "predicted_memory_bytes"].map(|key| report[key].as_u64().unwrap());
+    assert!(predicted <= least.parse().unwrap());
+    assert!(peak <= predicted, "{peak} of {predicted}");
+    assert_eq!(bench.names(), ["wide_2048x2048x40_u8.octavo", "wide_2048x2048x40_u8.raw"]);
 }

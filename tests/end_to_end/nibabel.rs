@@ -26,6 +26,8 @@ fn affine_spacing_and_voxels_survive_to_nibabel() {
     {
         let extra = if name == "series.nii.gz" { " --time 2" } else { "" };
         bench.ok(&format!("convert {name} -o {name}.octavo --encoding lossless{extra}"));
+        // Of a series, the store remembers which volume it was made from.
+        bench.ok(&format!("verify {name}.octavo --against {name}"));
         for form in ["nii", "nii.gz"] {
             bench.ok(&format!("extract {name}.octavo -o {name}.back.{form}"));
             let back = bench.path(&format!("{name}.back.{form}"));

@@ -1,6 +1,6 @@
 //! `octavo compare`: how far two volumes lie apart.
 
-use super::{RawArgs, by, print_json};
+use super::{RawArgs, SeriesArgs, by, print_json};
 use crate::exit::Answer;
 use clap::Args;
 use preprocess::Volume;
@@ -23,6 +23,8 @@ pub(super) struct Compare {
     b: PathBuf,
     #[command(flatten)]
     raw: RawArgs,
+    #[command(flatten)]
+    series: SeriesArgs,
     /// Largest error allowed, in source units
     #[arg(long, value_name = "E")]
     max_amax: Option<f64>,
@@ -52,25 +54,29 @@ impl Compare {
         } else {
             print(&found)?;
         }
-        let over = self
-            .max_amax
-            .is_some_and(|most| found.amax > most || found.not_finite_different > 0)
-            || self.min_psnr.is_some_and(|least| found.psnr_db.is_some_and(|psnr| psnr < least));
+        // Without a PSNR nothing differs, or there is no range to hold an error against.
+        let no_psnr = if found.rms > 0.0 { f64::NEG_INFINITY } else { f64::INFINITY };
+        let psnr = found.psnr_db.unwrap_or(no_psnr);
+        let limited = self.max_amax.is_some() || self.min_psnr.is_some();
+        let over = (limited && found.not_finite_different > 0)
+            || self.max_amax.is_some_and(|most| found.amax > most)
+            || self.min_psnr.is_some_and(|least| psnr < least);
         Ok(if over { Answer::No } else { Answer::Done })
     }
 
     fn open(&self, path: &Path, like: Option<&Volume>) -> anyhow::Result<Volume> {
         let is_raw = path.extension().is_some_and(|extension| extension == "raw");
-        let mut options = if is_raw {
-            self.raw.source_options(None)
-        } else {
-            preprocess::SourceOptions::default()
-        };
+        let mut options =
+            if is_raw { self.raw.source_options(None) } else { self.series.source_options() };
         if let Some(other) = like.filter(|_| is_raw) {
             options.dims_xyz = options.dims_xyz.or(Some(other.dims_xyz()));
             options.sample_type = options.sample_type.or(Some(other.sample_type()));
         }
-        Ok(Volume::open(path, &options)?)
+        let volume = Volume::open(path, &options)?;
+        if let Volume::Source(source) = &volume {
+            super::print_notes(source);
+        }
+        Ok(volume)
     }
 }
 

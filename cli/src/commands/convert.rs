@@ -7,6 +7,7 @@ use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
 use octree_store::{Encoding, LengthUnit, Region};
+use preprocess::PreprocessError;
 use preprocess::{Conversion, ConversionPlan, ConvertOptions, Source, convert};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -107,13 +108,13 @@ impl Convert {
         if let Some(region) = self.roi {
             source = source.crop(region)?;
         }
-        source.spacing_xyz = self.spacing.unwrap_or(source.spacing_xyz);
+        if let Some(spacing) = self.spacing {
+            source.set_spacing(spacing);
+        }
         source.unit = self.unit.unwrap_or(source.unit);
         let output = self.output.clone().unwrap_or_else(|| default_output(&self.input));
         let options = self.options();
-        for note in &source.notes {
-            eprintln!("octavo: {}: {note}", self.input.display());
-        }
+        super::print_notes(&source);
         let plan = ConversionPlan::new(&source, &output, &options)?;
         if self.plan {
             if self.json {
@@ -125,7 +126,18 @@ impl Convert {
         }
         if let Some(report) = self.report.as_ref().filter(|report| report.exists() && !self.force) {
             let path = report.to_owned();
-            return Err(preprocess::PreprocessError::Exists { path }.into());
+            return Err(PreprocessError::Exists { path }.into());
+        }
+        // What would only be noticed at the end is looked at now.
+        if let Some(report) = &self.report {
+            let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let clash = [&self.input, &output].into_iter().any(|other| other == report);
+            if clash || folder.is_some_and(|folder| !folder.is_dir()) {
+                let what =
+                    if clash { "it is the input or the output" } else { "there is no such folder" };
+                let source = io::Error::new(io::ErrorKind::InvalidInput, what);
+                return Err(PreprocessError::Output { path: report.clone(), source }.into());
+            }
         }
         let bar = Bar::new("converting", plan.bricks);
         let done = convert(&source, &output, &options, &bar);
@@ -158,6 +170,8 @@ impl Convert {
             empty_below: self.empty_below,
             nan_value: self.nan_value,
             roi: self.roi,
+            time: self.series.time,
+            channel: self.series.channel,
             threads: self.threads.map_or(defaults.threads, usize::from),
             memory_bytes: self.memory,
             scratch: self.scratch.clone(),

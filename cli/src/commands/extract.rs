@@ -2,6 +2,7 @@
 
 use crate::exit::Answer;
 use crate::parse;
+use crate::progress::Bar;
 use anyhow::bail;
 use clap::Args;
 use octree_store::{Region, Store};
@@ -42,6 +43,11 @@ impl Extract {
         };
         let store = Store::open(&self.store)?;
         let dims_xyz = store.geometry().dims_xyz();
+        let top = store.geometry().top_level();
+        if self.level > top {
+            let (path, level) = (self.store.display(), self.level);
+            bail!("{path}: it has levels 0 to {top}, and level {level} was asked for");
+        }
         if let Some(roi) = self.roi.filter(|roi| !roi.lies_within(dims_xyz)) {
             let Region { min, max } = roi;
             return Err(octree_store::StoreError::Region { level: 0, min, max, dims_xyz }.into());
@@ -51,7 +57,10 @@ impl Extract {
             max: roi.max.map(|v| ((v - 1) >> self.level) + 1),
         });
         let volume = Volume::of_store(store, self.level, region)?;
-        export(&volume, &self.output, format, self.force)?;
+        let bar = Bar::new("extracting", 0);
+        let done = export(&volume, &self.output, format, self.force, &bar);
+        bar.finish();
+        done?;
         Ok(Answer::Done)
     }
 }

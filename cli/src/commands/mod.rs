@@ -16,7 +16,7 @@ use crate::exit::Answer;
 use crate::parse;
 use clap::{Args, Parser, Subcommand};
 use octree_store::SampleType;
-use preprocess::SourceOptions;
+use preprocess::{PreprocessError, SourceOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -95,6 +95,19 @@ struct SeriesArgs {
     time: Option<u64>,
 }
 
+impl SeriesArgs {
+    fn source_options(&self) -> SourceOptions {
+        SourceOptions { time: self.time, channel: self.channel, ..SourceOptions::default() }
+    }
+}
+
+/// Says what the user should know of a source.
+fn print_notes(source: &preprocess::Source) {
+    for note in &source.notes {
+        eprintln!("octavo: {}: {note}", source.description.path);
+    }
+}
+
 impl RawArgs {
     fn source_options(&self, series: Option<&SeriesArgs>) -> SourceOptions {
         SourceOptions {
@@ -122,23 +135,26 @@ fn write_whole(
     force: bool,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> anyhow::Result<()> {
-    use anyhow::Context;
-    if path.is_dir() || (path.exists() && !force) {
+    use std::os::unix::fs::PermissionsExt;
+    if path.exists() && !(path.is_file() && force) {
         let path = path.to_owned();
-        return Err(preprocess::PreprocessError::Exists { path }.into());
+        return Err(PreprocessError::Exists { path }.into());
     }
     let save = || {
         let folder = match path.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
             _ => PathBuf::from("."),
         };
-        let file = tempfile::Builder::new().prefix(".octavo-").tempfile_in(folder)?;
+        let file = tempfile::Builder::new()
+            .prefix(".octavo-")
+            .permissions(std::fs::Permissions::from_mode(0o666))
+            .tempfile_in(folder)?;
         let mut buffered = io::BufWriter::new(file);
         write(&mut buffered)?;
         let file = buffered.into_inner().map_err(io::IntoInnerError::into_error)?;
         preprocess::export::persist(file, path)
     };
-    save().with_context(|| path.display().to_string())
+    save().map_err(|source| PreprocessError::Output { path: path.to_owned(), source }.into())
 }
 
 /// Bytes as people read them.

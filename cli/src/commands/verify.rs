@@ -2,11 +2,14 @@
 
 use super::{RawArgs, SeriesArgs, print_json};
 use crate::exit::Answer;
+use crate::parse;
 use crate::progress::Bar;
 use clap::Args;
 use octree_store::verify::{DamagedNode, verify};
 use octree_store::{Store, StoreError};
-use preprocess::{AgainstReport, Progress, Source, verify_against};
+use preprocess::{
+    AgainstReport, ConvertOptions, PreprocessError, Progress, Source, verify_against,
+};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -33,6 +36,12 @@ pub(super) struct Verify {
     /// Threads that compare bricks [default: one for each core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Own memory to use at most while comparing, pages of mapped files apart
+    #[arg(long, value_name = "SIZE", value_parser = parse::size, default_value = "512MiB")]
+    memory: u64,
+    /// Folder of scratch files [default: the system's for temporary files]
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
     /// Print JSON (schema octavo.verify/1)
     #[arg(long)]
     json: bool,
@@ -89,6 +98,10 @@ impl Verify {
         // The source is opened first: a wrong path should not cost the wait.
         let source = self.against.as_ref().map(|path| {
             let mut options = self.raw.source_options(Some(&self.series));
+            // Of a series, the volume that the store was made from.
+            let recorded = |name| store.metadata().options.get(name)?.as_u64();
+            options.time = options.time.or_else(|| recorded("time"));
+            options.channel = options.channel.or_else(|| recorded("channel"));
             if path.extension().is_some_and(|extension| extension == "raw") {
                 assume_store(&mut options, path, &store);
             }
@@ -96,18 +109,25 @@ impl Verify {
         });
         let source = source.transpose()?;
         let bar = Bar::new("checking", store.geometry().bricks());
-        let report = verify(&store, || bar.bricks_done(1));
+        let report = verify(&store, || {
+            bar.bricks_done(1);
+            !bar.should_stop()
+        });
         bar.finish();
-        let report = report?;
+        let report = report?.ok_or(PreprocessError::Cancelled)?;
         let mut damaged: Vec<DamagedJson> = report.damaged.iter().map(DamagedJson::from).collect();
         let mut against = None;
         let mut totals_differ = None;
         if let Some(source) = source {
             let bar = Bar::new("comparing", store.geometry().bricks());
-            let threads = self
-                .threads
-                .map_or_else(|| preprocess::ConvertOptions::default().threads, usize::from);
-            let measured = verify_against(&store, source, threads, &bar);
+            let defaults = ConvertOptions::default();
+            let how = ConvertOptions {
+                threads: self.threads.map_or(defaults.threads, usize::from),
+                memory_bytes: self.memory,
+                scratch: self.scratch.clone(),
+                ..defaults
+            };
+            let measured = verify_against(&store, source, &how, &bar);
             bar.finish();
             let measured = measured?;
             let known: Vec<_> = report.damaged.iter().map(|node| node.key).collect();

@@ -48,7 +48,8 @@ impl OpenOptions {
             other => other.at(path),
         })?;
         let incomplete = || StoreError::Incomplete { path: path.to_owned() };
-        let bytes = tables.metadata().map_err(|_| incomplete())?.ok_or_else(incomplete)?;
+        let bytes =
+            tables.metadata().map_err(|failure| failure.at(path))?.ok_or_else(incomplete)?;
         let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
             MetadataError::Newer(found) => {
                 StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
@@ -199,6 +200,12 @@ impl Store {
         level: u8,
         mut visit: impl FnMut(&NodeRecord) -> bool,
     ) -> Result<(), StoreError> {
+        let top = self.geometry.top_level();
+        if level > top {
+            // A level above the top has no node; the first of them stands for it.
+            let key = NodeKey::first_of_level(top + 1);
+            return Err(StoreError::Absent { path: self.path.clone(), key });
+        }
         let first = NodeKey::first_of_level(level).parent().to_u64();
         let last = NodeKey::last_of_level(level).parent().to_u64();
         let mut outcome = Ok(());

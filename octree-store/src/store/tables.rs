@@ -5,7 +5,7 @@ use redb::{
     Database, Durability, ReadOnlyTable, ReadTransaction, ReadableDatabase, ReadableTable, Table,
     TableDefinition, WriteTransaction,
 };
-use std::ops::{Deref, RangeInclusive};
+use std::ops::RangeInclusive;
 
 /// One record: the metadata frame, under key 0.
 const META: TableDefinition<u64, &[u8]> = TableDefinition::new("meta");
@@ -15,17 +15,6 @@ const NODES: TableDefinition<u64, &[u8]> = TableDefinition::new("nodes");
 const PAYLOAD: TableDefinition<u64, &[u8]> = TableDefinition::new("payload");
 
 const META_KEY: u64 = 0;
-
-/// A page, a group of records, or the metadata, borrowed from redb.
-pub(super) struct Value(redb::AccessGuard<'static, &'static [u8]>);
-
-impl Deref for Value {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        self.0.value()
-    }
-}
 
 /// The tables of one snapshot of a store; shared freely between threads.
 pub(super) struct ReadTables {
@@ -47,9 +36,9 @@ impl ReadTables {
         guard(|| Ok::<_, redb::Error>(meta.get(META_KEY)?.map(|value| value.value().to_vec())))
     }
 
-    /// The records beneath one parent.
-    pub(super) fn nodes(&self, parent: u64) -> Result<Option<Value>, Failure> {
-        guard(|| self.nodes.get(parent)).map(|value| value.map(Value))
+    /// The records beneath one parent. They are copied: looking at a damaged page can panic too.
+    pub(super) fn nodes(&self, parent: u64) -> Result<Option<Vec<u8>>, Failure> {
+        guard(|| Ok::<_, redb::Error>(self.nodes.get(parent)?.map(|value| value.value().to_vec())))
     }
 
     /// Calls `visit` with (parent, records) in key order until it returns false.
@@ -59,12 +48,16 @@ impl ReadTables {
         mut visit: impl FnMut(u64, &[u8]) -> bool,
     ) -> Result<(), Failure> {
         let mut groups = guard(|| self.nodes.range(parents))?;
-        while let Some((parent, records)) = guard(|| groups.next().transpose())? {
-            if !visit(parent.value(), records.value()) {
-                break;
+        loop {
+            let next = guard(|| {
+                let Some((parent, records)) = groups.next().transpose()? else { return Ok(None) };
+                Ok::<_, redb::Error>(Some((parent.value(), records.value().to_vec())))
+            })?;
+            match next {
+                Some((parent, records)) if visit(parent, &records) => {}
+                _ => return Ok(()),
             }
         }
-        Ok(())
     }
 
     /// Calls `visit` with every page of a range of keys, in order, until it returns false.

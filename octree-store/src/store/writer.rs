@@ -61,7 +61,11 @@ impl StoreWriter {
             let backend = redb::backends::FileBackend::new(file)?;
             Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(backend)
         })
-        .map_err(|failure| failure.at(path))?;
+        .map_err(|failure| {
+            // The empty file is of no use to anyone; the error below says what is wrong.
+            let _ = std::fs::remove_file(path);
+            failure.at(path)
+        })?;
         Ok(Self {
             path: path.to_owned(),
             database,
@@ -150,6 +154,7 @@ impl StoreWriter {
         })?;
         let mut summary = Summary::new(&geometry);
         let mut digest = Digest::default();
+        let mut bytes = Vec::new();
         let write = begun(&mut self.transaction, &self.database).and_then(|transaction| {
             transaction.visit_nodes(|group| {
                 for record in group.chunks(NodeRecord::BYTES).filter_map(NodeRecord::from_bytes) {
@@ -160,9 +165,15 @@ impl StoreWriter {
             summary.write_into(&mut metadata);
             metadata.complete = true;
             metadata.digest = digest.finish(&metadata);
-            transaction.set_metadata(&metadata.to_bytes())
+            bytes = metadata.to_bytes();
+            transaction.set_metadata(&bytes)
         });
         write.map_err(|failure| failure.at(&self.path))?;
+        // A store that cannot be read again must not become complete.
+        if let Err(error) = Metadata::from_bytes(&bytes) {
+            let what = error.to_string();
+            return Err(StoreError::MetadataDamaged { path: self.path, what });
+        }
         self.commit()?;
         let Self { path, mut database, .. } = self;
         guard(|| {

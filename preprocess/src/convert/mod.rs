@@ -43,7 +43,11 @@ pub struct ConvertOptions {
     pub nan_value: Option<f64>,
     /// The region of the file that was cut out, for the record.
     pub roi: Option<Region>,
-    /// Threads that make bricks.
+    /// The time that was chosen of a series, for the record.
+    pub time: Option<u64>,
+    /// The channel that was chosen, for the record.
+    pub channel: Option<u64>,
+    /// Threads that make bricks; fewer are used where memory is too small for so many.
     pub threads: usize,
     /// Own memory in bytes, mapped files apart.
     pub memory_bytes: u64,
@@ -62,6 +66,8 @@ impl Default for ConvertOptions {
             empty_below: None,
             nan_value: None,
             roi: None,
+            time: None,
+            channel: None,
             threads: thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: 512 << 20,
             scratch: None,
@@ -101,6 +107,11 @@ impl ConvertOptions {
         let mut options = BTreeMap::new();
         if let Some(value) = self.nan_value {
             options.insert("nan_value".into(), value.into());
+        }
+        for (name, chosen) in [("time", self.time), ("channel", self.channel)] {
+            if let Some(chosen) = chosen {
+                options.insert(name.into(), chosen.into());
+            }
         }
         if let Some(Region { min, max }) = self.roi {
             options.insert("roi".into(), serde_json::json!([min, max]));
@@ -167,9 +178,10 @@ pub fn convert(
     let rules = options.value_rules(source.sample_type())?;
     let plan = ConversionPlan::new(source, output, options)?;
     let input = Path::new(&source.description.path);
-    let place = Output::prepare(output, input, options.force)?;
+    let mut place = Output::prepare(output, input, options.force)?;
     let encoder = BrickEncoder { encoding: options.encoding, rules: &rules };
     let mut writer = StoreWriter::create(place.partial())?;
+    place.made();
     let (values, writer_busy_secs) = with_sample_type!(source.sample_type(), T => {
         make_bricks::<T>(source, &plan, &encoder, &mut writer, progress)?
     });
@@ -219,31 +231,34 @@ fn make_bricks<T: Sample>(
 ) -> Result<(VolumeValues, f64), PreprocessError> {
     let pool = crate::pool(plan.threads)?;
     let tree = Tree::new(plan.geometry, encoder.rules.empty_value);
+    // The store is written by this thread, which also finishes it: redb's cache is then taken and
+    // given back in one arena of the allocator, and not held twice.
     thread::scope(|scope| {
         let (sender, receiver) = sync_channel::<Vec<Octet<BrickOutput>>>(1);
-        let writing = thread::Builder::new()
-            .name("write".into())
-            .spawn_scoped(scope, move || write_octets(writer, tree, &receiver, progress))
+        let walking = thread::Builder::new()
+            .name("walk".into())
+            .spawn_scoped(scope, move || {
+                let mut values = VolumeValues::default();
+                let mut sink = |octets: Vec<Octet<BrickOutput>>| {
+                    if progress.should_stop() {
+                        return Err(PreprocessError::Cancelled);
+                    }
+                    for visited in octets.iter().flatten() {
+                        if let Some(brick) = &visited.output.values {
+                            values.add(brick);
+                        }
+                    }
+                    // A writer that has stopped says why itself.
+                    sender.send(octets).map_err(|_| PreprocessError::Cancelled)
+                };
+                walk::<T, _>(source, &plan.geometry, &pool, &plan.walk, encoder, &mut sink)?;
+                Ok::<_, PreprocessError>(values)
+            })
             .map_err(PreprocessError::Thread)?;
-        let mut values = VolumeValues::default();
-        let mut sink = |octets: Vec<Octet<BrickOutput>>| {
-            if progress.should_stop() {
-                return Err(PreprocessError::Cancelled);
-            }
-            for visited in octets.iter().flatten() {
-                if let Some(brick) = &visited.output.values {
-                    values.add(brick);
-                }
-            }
-            // A writer that has stopped says why when it is joined.
-            sender.send(octets).map_err(|_| PreprocessError::Cancelled)
-        };
-        let walked = walk::<T, _>(source, &plan.geometry, &pool, &plan.walk, encoder, &mut sink);
-        drop(sender);
-        let busy_secs =
-            writing.join().map_err(|_| PreprocessError::Panic { thread: "write" })??;
-        walked?;
-        Ok((values, busy_secs))
+        let written = write_octets(writer, tree, receiver, progress);
+        let walked = walking.join().map_err(|_| PreprocessError::Panic { thread: "walk" })?;
+        let busy_secs = written?;
+        Ok((walked?, busy_secs))
     })
 }
 
@@ -251,7 +266,7 @@ fn make_bricks<T: Sample>(
 fn write_octets(
     writer: &mut StoreWriter,
     mut tree: Tree,
-    octets: &Receiver<Vec<Octet<BrickOutput>>>,
+    octets: Receiver<Vec<Octet<BrickOutput>>>,
     progress: &dyn Progress,
 ) -> Result<f64, PreprocessError> {
     let mut busy_secs = 0.0;

@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 pub(super) struct Output {
     path: PathBuf,
     partial: PathBuf,
-    finished: bool,
+    /// Whether the partial file exists and is ours to remove.
+    made: bool,
 }
 
 impl Output {
@@ -26,27 +27,35 @@ impl Output {
         if path.canonicalize().is_ok_and(|path| source.canonicalize().is_ok_and(|s| s == path)) {
             return Err(PreprocessError::OutputIsInput { path: owned() });
         }
-        if path.is_dir() || (path.exists() && !force) {
+        if path.exists() && !(path.is_file() && force) {
             return Err(PreprocessError::Exists { path: owned() });
-        }
-        let unfinished = unfinished_work(path)
-            .map_err(|source| PreprocessError::Output { path: owned(), source })?;
-        for left in unfinished {
-            // The database keeps a lock on the file while it is written.
-            let locked = File::open(&left)
-                .is_ok_and(|file| matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)));
-            if locked {
-                return Err(PreprocessError::Busy { path: left });
-            }
-            if !force {
-                return Err(PreprocessError::Unfinished { path: left });
-            }
-            fs::remove_file(&left)
-                .map_err(|source| PreprocessError::Output { path: left, source })?;
         }
         let mut partial = path.as_os_str().to_owned();
         partial.push(".partial");
-        Ok(Self { path: owned(), partial: partial.into(), finished: false })
+        let partial = PathBuf::from(partial);
+        if path.file_name().is_none() || !folder_of(path).is_dir() {
+            let source = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
+            return Err(PreprocessError::Output { path: owned(), source });
+        }
+        if partial.exists() {
+            // The database keeps a lock on the file while it is written.
+            let locked = File::open(&partial)
+                .is_ok_and(|file| matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)));
+            if locked {
+                return Err(PreprocessError::Busy { path: partial });
+            }
+            if !force {
+                return Err(PreprocessError::Unfinished { path: partial });
+            }
+            fs::remove_file(&partial)
+                .map_err(|source| PreprocessError::Output { path: partial.clone(), source })?;
+        }
+        Ok(Self { path: owned(), partial, made: false })
+    }
+
+    /// Says that the file at [`Output::partial`] is ours from now on.
+    pub(super) fn made(&mut self) {
+        self.made = true;
     }
 
     /// Where to work.
@@ -62,37 +71,18 @@ impl Output {
             File::open(folder_of(&self.path))?.sync_all()
         };
         sync().map_err(|source| PreprocessError::Output { path: self.path.clone(), source })?;
-        self.finished = true;
+        self.made = false;
         Ok(())
     }
 }
 
 impl Drop for Output {
     fn drop(&mut self) {
-        if !self.finished {
+        if self.made {
             // Where this fails too, the next run names the file and what to do.
             let _ = fs::remove_file(&self.partial);
         }
     }
-}
-
-/// The files `OUT.*` beside the output.
-fn unfinished_work(path: &Path) -> io::Result<Vec<PathBuf>> {
-    let Some(name) = path.file_name() else {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "the output has no file name"));
-    };
-    let mut prefix = name.as_encoded_bytes().to_vec();
-    prefix.push(b'.');
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder_of(path))? {
-        let entry = entry?;
-        if entry.file_name().as_encoded_bytes().starts_with(&prefix) && entry.file_type()?.is_file()
-        {
-            files.push(entry.path());
-        }
-    }
-    files.sort();
-    Ok(files)
 }
 
 #[cfg(test)]
@@ -103,8 +93,9 @@ mod tests {
     fn what_is_not_finished_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.octavo");
-        let output = Output::prepare(&path, Path::new("in"), false).unwrap();
+        let mut output = Output::prepare(&path, Path::new("in"), false).unwrap();
         fs::write(output.partial(), "half").unwrap();
+        output.made();
         drop(output);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -129,6 +120,8 @@ mod tests {
             Err(PreprocessError::OutputIsInput { .. })
         ));
 
+        let mine = folder.path().join("b.octavo.json");
+        fs::write(&mine, "a report").unwrap();
         let left = folder.path().join("b.octavo.partial");
         fs::write(&left, "half").unwrap();
         let other = folder.path().join("b.octavo");
@@ -143,5 +136,6 @@ mod tests {
         drop(writer);
         drop(Output::prepare(&other, Path::new("in"), true).unwrap());
         assert!(!left.exists());
+        assert_eq!(fs::read_to_string(mine).unwrap(), "a report", "only what octavo makes goes");
     }
 }

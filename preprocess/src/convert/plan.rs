@@ -84,9 +84,16 @@ impl ConversionPlan {
         let sample_type = source.sample_type();
         let sample_bytes = sample_type.bytes() as u64;
         let folder = options.scratch.clone().unwrap_or_else(|| folder_of(output));
-        let threads = options.threads.max(1);
-        let (walk, predicted, scratch) =
-            divide_memory(source, &geometry, sample_bytes, threads as u64, &folder, options)?;
+        // As many threads as memory allows.
+        let mut threads = options.threads.max(1);
+        let (walk, predicted, scratch) = loop {
+            let divided =
+                divide_memory(source, &geometry, sample_bytes, threads as u64, &folder, options);
+            match divided {
+                Err(PreprocessError::MemoryTooSmall { .. }) if threads > 1 => threads -= 1,
+                divided => break divided?,
+            }
+        };
         let levels = geometry.levels().map(|level| PlannedLevel {
             level,
             dims_xyz: geometry.dims_at(level),

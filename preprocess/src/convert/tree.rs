@@ -3,7 +3,7 @@
 
 use super::brick::BrickOutput;
 use crate::walk::Octet;
-use octree_store::{BrickState, Geometry, NodeKey, NodeRecord};
+use octree_store::{BrickState, Geometry, NodeKey, NodeRecord, WeightedRms};
 use std::collections::HashMap;
 
 /// Nodes whose children have come, and which have not come themselves.
@@ -19,13 +19,15 @@ pub(super) struct Tree {
 struct Beneath {
     min: f64,
     max: f64,
-    /// Sum over children of level-0 voxels x (bound + step)^2.
-    lod_squares: f64,
+    /// RMS over children of (bound + step), weighted by their level-0 voxels.
+    lod_rms: WeightedRms,
     lod_amax: f64,
 }
 
-/// A bound that is computed is rounded; this keeps it a bound.
-const ROUNDING: f64 = 1.0 + 1e-12;
+/// A bound that is computed is rounded; this keeps it a bound, and a number.
+fn bounded(bound: f64) -> f64 {
+    (bound * (1.0 + 1e-12)).min(f64::MAX)
+}
 
 impl Tree {
     pub(super) fn new(geometry: Geometry, empty_value: f64) -> Self {
@@ -35,8 +37,12 @@ impl Tree {
     /// Completes the records of an octet, and keeps what their parent will need.
     pub(super) fn complete(&mut self, octet: Octet<BrickOutput>) -> Vec<(NodeRecord, Vec<u8>)> {
         let mut bricks = Vec::with_capacity(octet.len());
-        let mut beneath =
-            Beneath { min: f64::INFINITY, max: f64::NEG_INFINITY, lod_squares: 0.0, lod_amax: 0.0 };
+        let mut beneath = Beneath {
+            min: f64::INFINITY,
+            max: f64::NEG_INFINITY,
+            lod_rms: WeightedRms::default(),
+            lod_amax: 0.0,
+        };
         let parent = octet.first().map(|visited| visited.key.parent());
         for visited in octet {
             let BrickOutput { mut record, payload, .. } = visited.output;
@@ -49,14 +55,14 @@ impl Tree {
             if let Some(children) = self.pending.remove(&record.key) {
                 record.subtree_min = record.subtree_min.min(children.min);
                 record.subtree_max = record.subtree_max.max(children.max);
-                record.lod_rms_bound = (children.lod_squares / voxels).sqrt() * ROUNDING;
-                record.lod_amax_bound = children.lod_amax * ROUNDING;
+                record.lod_rms_bound = bounded(children.lod_rms.value());
+                record.lod_amax_bound = bounded(children.lod_amax);
             }
             // |level 0 - parent's cell| <= |level 0 - own cell| + |own cell - parent's cell|.
-            let step_rms = (visited.step.squares / voxels).sqrt();
             beneath.min = beneath.min.min(record.subtree_min);
             beneath.max = beneath.max.max(record.subtree_max);
-            beneath.lod_squares += voxels * (record.lod_rms_bound + step_rms).powi(2);
+            let rms = (record.lod_rms_bound + visited.step.rms).min(f64::MAX);
+            beneath.lod_rms.add(voxels, rms);
             beneath.lod_amax = beneath.lod_amax.max(record.lod_amax_bound + visited.step.amax);
             bricks.push((record, payload));
         }

@@ -28,7 +28,7 @@ impl ScratchMap {
     /// now, so that a full disk shows here and not as a signal later.
     pub(crate) fn new(folder: &Path, bytes: u64) -> io::Result<Self> {
         let file = tempfile::tempfile_in(folder)?;
-        rustix::fs::fallocate(&file, rustix::fs::FallocateFlags::empty(), 0, bytes.max(1))?;
+        take_blocks(&file, bytes.max(1))?;
         // SAFETY: the file has no name, so no other process can change or shorten it.
         unsafe { MmapMut::map_mut(&file) }.map(Self)
     }
@@ -41,6 +41,19 @@ impl ScratchMap {
     /// The first `count` samples, to be written.
     pub(crate) fn samples_mut<T: Pod>(&mut self, count: usize) -> &mut [T] {
         bytemuck::cast_slice_mut(&mut self.0[..count * size_of::<T>()])
+    }
+}
+
+/// Makes a file of `bytes` zeros whose blocks are all taken.
+fn take_blocks(mut file: &File, bytes: u64) -> io::Result<()> {
+    use rustix::fs::{FallocateFlags, fallocate};
+    match fallocate(file, FallocateFlags::empty(), 0, bytes) {
+        // Some network file systems cannot: then the zeros are written.
+        Err(rustix::io::Errno::OPNOTSUPP | rustix::io::Errno::NOSYS) => {
+            io::copy(&mut io::Read::take(io::repeat(0), bytes), &mut file)?;
+            Ok(())
+        }
+        taken => Ok(taken?),
     }
 }
 

@@ -107,6 +107,18 @@ impl Source {
         self.format.sample_type()
     }
 
+    /// Sets the size of a voxel; the affine's axes grow with it, its origin stays.
+    pub fn set_spacing(&mut self, spacing_xyz: [f64; 3]) {
+        if let Some(affine) = &mut self.affine {
+            for row in affine.iter_mut().take(3) {
+                for axis in 0..3 {
+                    row[axis] *= spacing_xyz[axis] / self.spacing_xyz[axis];
+                }
+            }
+        }
+        self.spacing_xyz = spacing_xyz;
+    }
+
     /// Keeps a region of the volume; the affine moves so that world positions stay.
     ///
     /// # Errors

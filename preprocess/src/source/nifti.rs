@@ -134,6 +134,11 @@ fn open_with(
         .map_err(|source| SourceError::Io { path: image_path.to_owned(), source })?
         .len();
     let place = if ending(image_path).1 {
+        // Deflate packs 1032 to 1 at best: what claims more is not there.
+        let needed = offset.saturating_add(volume_bytes);
+        if needed / 1032 > found {
+            return Err(SourceError::Truncated { path: image_path.to_owned() });
+        }
         Place::Gzip { path: image_path.to_owned(), offset, ends_with_volume: index + 1 == volumes }
     } else {
         let expected = header.vox_offset + volumes * volume_bytes;

@@ -18,7 +18,8 @@ impl RawName {
     /// Reads a name like `tooth_103x94x161_u16.raw`; the type may be long (`uint16`) and may name its
     /// byte order (`uint16be`). `None` where the name has another shape.
     pub fn parse(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?.strip_suffix(".raw")?;
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = name.strip_suffix(".raw")?;
         let (rest, sample_type) = name.rsplit_once('_')?;
         let dims = rest.rsplit_once('_').map_or(rest, |(_, dims)| dims);
         let mut sizes = dims.split('x').map(|size| {
@@ -52,6 +53,7 @@ mod tests {
         assert_eq!(parse("data/my_tooth_103x94x161_u16.raw"), Some(tooth));
         assert_eq!(parse("tooth_103x94x161_uint16.raw"), Some(tooth));
         assert_eq!(parse("tooth_103x94x161_uint16le.raw"), Some(tooth));
+        assert_eq!(parse("TOOTH_103X94X161_U16.RAW"), Some(tooth));
         assert_eq!(parse("103x94x161_u16be.raw"), Some(RawName { big_endian: true, ..tooth }));
         for other in [
             "tooth.raw",

@@ -65,7 +65,8 @@ fn verifying_against_the_source_gives_the_report_again() {
             ConvertOptions { empty_below, nan_value, ..small_bricks(Encoding::Quantised8) };
         let made = converted([40, 33, 20], scan::<u16>([40, 33, 20], 9), &options);
         let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
-        let report = verify_against(&made.store, source, 2, &NoProgress).unwrap();
+        let report =
+            verify_against(&made.store, source, &ConvertOptions::default(), &NoProgress).unwrap();
         assert_eq!(report.damaged, []);
         let metadata = made.store.metadata();
         assert_eq!((report.rms, report.amax), (metadata.levels[0].rms, metadata.levels[0].amax));
@@ -82,7 +83,8 @@ fn a_source_that_differs_by_one_voxel_is_noticed() {
     made.voxels[index(made.dims, at)] ^= 0x400;
     std::fs::write(&made.raw, octree_store::to_le_bytes(&made.voxels)).unwrap();
     let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
-    let report = verify_against(&made.store, source, 2, &NoProgress).unwrap();
+    let report =
+        verify_against(&made.store, source, &ConvertOptions::default(), &NoProgress).unwrap();
     let home = made.store.geometry().brick_of_voxel(0, at);
     assert!(report.damaged.iter().any(|node| node.key == home), "{:?}", report.damaged);
 }
@@ -95,7 +97,14 @@ fn what_is_extracted_stays_within_amax() {
     assert!(amax > 0.0, "something must have been lost for this test to say much");
     let out = made.folder.path().join("out.nii.gz");
     let store = octree_store::Store::open(made.store.path()).unwrap();
-    export(&Volume::of_store(store, 0, None).unwrap(), &out, ExportFormat::NiftiGz, false).unwrap();
+    export(
+        &Volume::of_store(store, 0, None).unwrap(),
+        &out,
+        ExportFormat::NiftiGz,
+        false,
+        &NoProgress,
+    )
+    .unwrap();
     let a = Volume::open(&made.raw, &SourceOptions::default()).unwrap();
     let b = Volume::open(&out, &SourceOptions::default()).unwrap();
     assert_eq!(preprocess::compare::compare(&a, &b).unwrap().amax, amax);

@@ -41,7 +41,12 @@ fn nan_and_infinities_are_counted_and_stored_as_said() {
     // A brick of NaN alone has no range: 0 stands for it.
     assert_eq!(read[index(dims, [3, 3, 3])], 0.0);
     let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
-    assert_eq!(verify_against(&made.store, source, 2, &NoProgress).unwrap().damaged, []);
+    assert_eq!(
+        verify_against(&made.store, source, &ConvertOptions::default(), &NoProgress)
+            .unwrap()
+            .damaged,
+        []
+    );
 }
 
 #[test]
@@ -75,4 +80,29 @@ fn a_volume_without_a_number_is_a_store_all_the_same() {
     let made = converted([9, 9, 9], vec![f64::NAN; 729], &small_bricks(Encoding::Quantised8));
     let metadata = made.store.metadata();
     assert_eq!((metadata.value_min, metadata.value_mean, metadata.nan_count), (None, None, 729));
+}
+
+#[test]
+fn the_widest_f64_values_make_a_store_that_tells_its_errors() {
+    let dims = [20, 20, 20];
+    for (unit, tolerance) in [(1e200, 1e-9), (1.7e307, 1e-9), (8e-300, 1e-9)] {
+        let volume = voxels(dims, |[x, y, z]| {
+            let sign = if (x + y + z) % 2 == 0 { 1.0 } else { -1.0 };
+            sign * unit * (1.0 + (x * y) as f64 / 400.0)
+        });
+        for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+            let made = converted(dims, volume.clone(), &small_bricks(encoding));
+            let level = &made.store.metadata().levels[0];
+            let read = made.store.read_region::<f64>(0, Region::whole(dims)).unwrap();
+            let errors = || read.iter().zip(&volume).map(|(a, b)| (a / unit - b / unit).abs());
+            let rms = (errors().map(|e| e * e).sum::<f64>() / 8000.0).sqrt();
+            let amax = errors().fold(0.0, f64::max);
+            assert!((level.rms / unit - rms).abs() <= tolerance * rms, "{unit}");
+            assert!((level.amax / unit - amax).abs() <= tolerance * amax.max(1e-300), "{unit}");
+            assert!(made.store.metadata().levels[1].lod_rms_bound / unit > 0.5);
+            let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
+            let how = ConvertOptions::default();
+            assert_eq!(verify_against(&made.store, source, &how, &NoProgress).unwrap().damaged, []);
+        }
+    }
 }
