@@ -3,20 +3,30 @@
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use preprocess::Progress;
 use std::io::{IsTerminal, stderr};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
+/// Seconds between lines where no bar can be drawn.
+const LINE_SECS: u64 = 10;
+
 /// Shows how many bricks are done, at what rate, and how long the rest will take.
-pub(crate) struct Bar(ProgressBar);
+pub(crate) struct Bar {
+    bar: ProgressBar,
+    what: &'static str,
+    started: Instant,
+    /// Lines printed so far, where stderr is no terminal.
+    lines: Option<AtomicU64>,
+}
 
 impl Bar {
     /// A bar for so many bricks. From here on Ctrl-C and SIGTERM end the work cleanly.
     pub(crate) fn new(what: &'static str, bricks: u64) -> Self {
         // A second call finds the handler in place, which is all that is wanted.
         let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
-        let target = if stderr().is_terminal() {
+        let terminal = stderr().is_terminal();
+        let target = if terminal {
             ProgressDrawTarget::stderr_with_hz(8)
         } else {
             ProgressDrawTarget::hidden()
@@ -28,18 +38,31 @@ impl Bar {
         bar.set_style(style.expect("the template is fixed and valid"));
         bar.set_message(what);
         bar.enable_steady_tick(Duration::from_millis(250));
-        Self(bar)
+        let lines = (!terminal && bricks > 0).then(|| AtomicU64::new(0));
+        Self { bar, what, started: Instant::now(), lines }
     }
 
     /// Takes the bar off the screen.
     pub(crate) fn finish(&self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
+    }
+
+    /// A line now and then for a log: the first after ten seconds.
+    fn line(&self, lines: &AtomicU64) {
+        let due = self.started.elapsed().as_secs() / LINE_SECS;
+        if lines.fetch_max(due, Ordering::Relaxed) < due {
+            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
+            eprintln!("{}: {done} of {all} bricks, {} s left", self.what, self.bar.eta().as_secs());
+        }
     }
 }
 
 impl Progress for Bar {
     fn bricks_done(&self, bricks: u64) {
-        self.0.inc(bricks);
+        self.bar.inc(bricks);
+        if let Some(lines) = &self.lines {
+            self.line(lines);
+        }
     }
 
     fn should_stop(&self) -> bool {
