@@ -13,7 +13,7 @@ const LINE_SECS: u64 = 10;
 
 /// Shows how many bricks are done, at what rate, and how long the rest will take.
 pub(crate) struct Bar {
-    bar: ProgressBar,
+    shown: ProgressBar,
     what: &'static str,
     started: Instant,
     /// Lines printed so far, where stderr is no terminal.
@@ -39,27 +39,31 @@ impl Bar {
         bar.set_message(what);
         bar.enable_steady_tick(Duration::from_millis(250));
         let lines = (!terminal && bricks > 0).then(|| AtomicU64::new(0));
-        Self { bar, what, started: Instant::now(), lines }
+        Self { shown: bar, what, started: Instant::now(), lines }
     }
 
     /// Takes the bar off the screen.
     pub(crate) fn finish(&self) {
-        self.bar.finish_and_clear();
+        self.shown.finish_and_clear();
     }
 
     /// A line now and then for a log: the first after ten seconds.
     fn line(&self, lines: &AtomicU64) {
         let due = self.started.elapsed().as_secs() / LINE_SECS;
         if lines.fetch_max(due, Ordering::Relaxed) < due {
-            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
-            eprintln!("{}: {done} of {all} bricks, {} s left", self.what, self.bar.eta().as_secs());
+            let (done, all) = (self.shown.position(), self.shown.length().unwrap_or(0));
+            eprintln!(
+                "{}: {done} of {all} bricks, {} s left",
+                self.what,
+                self.shown.eta().as_secs()
+            );
         }
     }
 }
 
 impl Progress for Bar {
     fn bricks_done(&self, bricks: u64) {
-        self.bar.inc(bricks);
+        self.shown.inc(bricks);
         if let Some(lines) = &self.lines {
             self.line(lines);
         }
