@@ -164,7 +164,7 @@ fn divide_memory(
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
-    let stream = source.stream_bytes().unwrap_or(0);
+    let stream = source.decode_bytes().unwrap_or(0);
     let mut octets = threads;
     let mut memory = BASE_BYTES
         + StoreWriter::memory_bytes(store)
@@ -200,7 +200,7 @@ fn divide_memory(
     window_places.reverse();
     let mut stream_place = WindowPlace::Memory;
     let mut stream_chunks_ahead = 0;
-    if source.stream_bytes().is_some() {
+    if source.decode_bytes().is_some() {
         let chunk = chunk_bytes(geometry.dims_xyz(), STREAM_CHUNK, source.sample_type());
         let least = 1 + stream_window_chunks(geometry);
         stream_chunks_ahead = CHUNKS_AHEAD;

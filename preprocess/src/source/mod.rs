@@ -1,19 +1,25 @@
 //! Volumes as scanners and other programs write them: one file a format, behind one type.
 //!
-//! A source is either mapped (raw samples at a known place: read anywhere) or a stream (compressed:
-//! decoded once, front to back). Both give samples of one type, x fastest.
+//! A source is mapped (raw samples at a known place: read anywhere), a row of slices (decoded one by
+//! one, from any thread) or a stream (decoded once, front to back). All give samples of one type, x
+//! fastest.
 
+mod ascii;
 mod error;
 pub(crate) mod map;
 mod nifti;
 pub mod nifti_header;
 mod raw;
 mod raw_name;
+mod slice_files;
+mod stream;
 mod voxels;
 
 pub use error::SourceError;
 pub use raw_name::RawName;
-pub use voxels::{StoredFormat, VoxelStream};
+pub(crate) use slice_files::SliceFiles;
+pub(crate) use stream::{StreamCoding, StreamPlace, VoxelStream};
+pub use voxels::StoredFormat;
 
 use memmap2::Mmap;
 use octree_store::{Geometry, LengthUnit, Region, Sample, SampleType, SourceDescription};
@@ -60,19 +66,66 @@ pub struct Source {
     pub description: SourceDescription,
     /// What the user should know: a volume chosen of several, a unit assumed.
     pub notes: Vec<String>,
+    /// Every file that the volume is read from.
+    pub files: Vec<PathBuf>,
     format: StoredFormat,
     place: Place,
     file_dims_xyz: [u64; 3],
     region: Region,
 }
 
-/// Where the first voxel is.
+/// Where the voxels are.
 #[derive(Debug)]
 enum Place {
     /// In a map, at this byte.
     Mapped { map: Mmap, offset: u64 },
-    /// In a gzip file, at this byte of the decompressed data.
-    Gzip { path: PathBuf, offset: u64, ends_with_volume: bool },
+    /// In a stream.
+    Stream(StreamPlace),
+    /// In slices of their own.
+    Slices(Box<dyn SliceFiles>),
+}
+
+/// What opening a file found; a [`Source`] is the whole of it.
+#[derive(Debug)]
+struct Found {
+    dims_xyz: [u64; 3],
+    spacing_xyz: [f64; 3],
+    unit: LengthUnit,
+    affine: Option<[[f64; 4]; 4]>,
+    /// What the user gave, for messages and the record.
+    path: PathBuf,
+    /// Bytes of all files.
+    bytes: u64,
+    notes: Vec<String>,
+    files: Vec<PathBuf>,
+    format: StoredFormat,
+    place: Place,
+}
+
+impl From<Found> for Source {
+    fn from(found: Found) -> Self {
+        let Found { dims_xyz, spacing_xyz, unit, affine, path, bytes, notes, files, format, place } =
+            found;
+        let description = SourceDescription {
+            path: path.display().to_string(),
+            bytes,
+            sample_type: Some(format.stored),
+        };
+        let (file_dims_xyz, region) = (dims_xyz, Region::whole(dims_xyz));
+        Self {
+            dims_xyz,
+            spacing_xyz,
+            unit,
+            affine,
+            description,
+            notes,
+            files,
+            format,
+            place,
+            file_dims_xyz,
+            region,
+        }
+    }
 }
 
 impl Source {
@@ -156,7 +209,15 @@ impl Source {
             Place::Mapped { map, offset } => {
                 Some(MappedVoxels { source: self, bytes: &map[*offset as usize..] })
             }
-            Place::Gzip { .. } => None,
+            Place::Stream(_) | Place::Slices(_) => None,
+        }
+    }
+
+    /// The voxels, where they come in slices that are decoded one by one.
+    pub(crate) fn slice_files(&self) -> Option<SliceVoxels<'_>> {
+        match &self.place {
+            Place::Slices(files) => Some(SliceVoxels { source: self, files: files.as_ref() }),
+            Place::Mapped { .. } | Place::Stream(_) => None,
         }
     }
 
@@ -166,28 +227,82 @@ impl Source {
     /// When the file cannot be opened.
     pub fn slices(&self) -> Result<Slices<'_>, SourceError> {
         let stream = match &self.place {
-            Place::Mapped { .. } => None,
-            Place::Gzip { path, offset, .. } => {
-                let mut stream = nifti::gzip_stream(path)?;
-                stream.skip(offset + self.region.min[2] * self.file_slice_bytes())?;
+            Place::Stream(place) => {
+                let mut stream = place.open()?;
+                stream.skip(place.offset + self.region.min[2] * self.file_slice_bytes())?;
                 Some(stream)
             }
+            Place::Mapped { .. } | Place::Slices(_) => None,
         };
-        let bytes =
-            if stream.is_some() { vec![0; self.file_slice_bytes() as usize] } else { Vec::new() };
-        Ok(Slices { source: self, stream, bytes, next_z: 0 })
+        Ok(Slices { source: self, stream, bytes: Vec::new(), next_z: 0 })
     }
 
     fn file_slice_bytes(&self) -> u64 {
         self.file_dims_xyz[0] * self.file_dims_xyz[1] * self.format.stored.bytes() as u64
     }
 
-    /// Bytes of memory that [`Source::slices`] takes: a stored slice of a stream.
-    pub(crate) fn stream_bytes(&self) -> Option<u64> {
-        match self.place {
+    /// Whether a slice as the file has it, decoded, is a slice as a reader gets it.
+    fn slices_are_plain(&self) -> bool {
+        let [x, y, _] = self.dims_xyz;
+        self.format.is_plain() && [x, y] == self.file_dims_xyz[..2]
+    }
+
+    /// Bytes of memory that decoding takes for each thread that decodes; `None` where there is
+    /// nothing to decode.
+    pub(crate) fn decode_bytes(&self) -> Option<u64> {
+        let slice = if self.slices_are_plain() { 0 } else { self.file_slice_bytes() };
+        match &self.place {
             Place::Mapped { .. } => None,
-            Place::Gzip { .. } => Some(self.file_slice_bytes() + (1 << 17)),
+            Place::Stream(_) => Some(slice + (1 << 18)),
+            Place::Slices(files) => Some(slice + files.decode_bytes()),
         }
+    }
+
+    /// Turns a decoded slice of the file into a slice of the region.
+    fn cut_slice<T: Sample>(&self, bytes: &[u8], slice: &mut [T]) {
+        let stored = self.format.stored.bytes();
+        let rows = slice.chunks_exact_mut(self.dims_xyz[0] as usize);
+        for (row, y) in rows.zip(self.region.min[1]..) {
+            let first = (y * self.file_dims_xyz[0] + self.region.min[0]) as usize * stored;
+            self.format.read_into(&bytes[first..first + row.len() * stored], row);
+        }
+    }
+
+    /// Fills a slice by `read`, which gives the file's own bytes, through `bytes` where these are not
+    /// yet what a reader gets.
+    fn fill_slice<T: Sample>(
+        &self,
+        slice: &mut [T],
+        bytes: &mut Vec<u8>,
+        read: impl FnOnce(&mut [u8]) -> Result<(), SourceError>,
+    ) -> Result<(), SourceError> {
+        if self.slices_are_plain() && cfg!(target_endian = "little") {
+            return read(bytemuck::cast_slice_mut(slice));
+        }
+        bytes.resize(self.file_slice_bytes() as usize, 0);
+        read(bytes)?;
+        self.cut_slice(bytes, slice);
+        Ok(())
+    }
+}
+
+/// A source of slices.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SliceVoxels<'a> {
+    source: &'a Source,
+    files: &'a dyn SliceFiles,
+}
+
+impl SliceVoxels<'_> {
+    /// Decodes slice `z` of the region; `bytes` is kept from slice to slice.
+    pub(crate) fn read<T: Sample>(
+        &self,
+        z: u64,
+        slice: &mut [T],
+        bytes: &mut Vec<u8>,
+    ) -> Result<(), SourceError> {
+        let z = z + self.source.region.min[2];
+        self.source.fill_slice(slice, bytes, |bytes| self.files.read_slice(z, bytes))
     }
 }
 
@@ -230,22 +345,19 @@ impl Slices<'_> {
     /// # Panics
     /// When the slice has another size, or there is none left.
     pub fn next<T: Sample>(&mut self, slice: &mut [T]) -> Result<(), SourceError> {
-        let Source { dims_xyz, region, file_dims_xyz, format, .. } = self.source;
+        let Source { dims_xyz, region, file_dims_xyz, .. } = self.source;
         assert!(self.next_z < dims_xyz[2]);
         assert_eq!(slice.len() as u64, dims_xyz[0] * dims_xyz[1]);
-        let rows = slice.chunks_exact_mut(dims_xyz[0] as usize);
         if let Some(stream) = &mut self.stream {
-            stream.read(&mut self.bytes)?;
-            let stored = format.stored.bytes();
-            for (row, y) in rows.zip(region.min[1]..) {
-                let first = (y * file_dims_xyz[0] + region.min[0]) as usize * stored;
-                format.read_into(&self.bytes[first..first + row.len() * stored], row);
-            }
+            self.source.fill_slice(slice, &mut self.bytes, |bytes| stream.read(bytes))?;
             let last = self.next_z + 1 == dims_xyz[2] && region.max[2] == file_dims_xyz[2];
-            if last && matches!(self.source.place, Place::Gzip { ends_with_volume: true, .. }) {
+            if last && matches!(&self.source.place, Place::Stream(p) if p.ends_with_volume) {
                 stream.finish()?;
             }
+        } else if let Some(files) = self.source.slice_files() {
+            files.read(self.next_z, slice, &mut self.bytes)?;
         } else if let Some(mapped) = self.source.mapped() {
+            let rows = slice.chunks_exact_mut(dims_xyz[0] as usize);
             for (row, y) in rows.zip(0..) {
                 mapped.read_row([0, y, self.next_z], row);
             }

@@ -2,11 +2,11 @@
 
 use super::map::map_file;
 use super::nifti_header::{NiftiDatatype, NiftiHeader, NiftiKind, NiftiUnit};
-use super::{Place, Source, SourceError, SourceOptions, StoredFormat, VoxelStream};
-use flate2::read::MultiGzDecoder;
-use octree_store::{LengthUnit, Region, SampleType, SourceDescription};
+use super::{Found, Place, Source, SourceError, SourceOptions};
+use super::{StoredFormat, StreamCoding, StreamPlace};
+use octree_store::{LengthUnit, SampleType};
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// As much of a file as a header can take: NIfTI-2's 540 bytes and the extension flag.
@@ -77,7 +77,7 @@ fn halves(path: &Path) -> Result<(PathBuf, PathBuf), SourceError> {
 fn read_header(path: &Path) -> Result<NiftiHeader, SourceError> {
     let mut bytes = Vec::new();
     if ending(path).1 {
-        let stream = gzip_stream(path)?;
+        let stream = gzip(path).open()?;
         stream.reader.take(HEADER_BYTES).read_to_end(&mut bytes).map_err(|error| {
             SourceError::Decompression { path: path.to_owned(), what: error.to_string() }
         })?;
@@ -139,7 +139,8 @@ fn open_with(
         if needed / 1032 > found {
             return Err(SourceError::Truncated { path: image_path.to_owned() });
         }
-        Place::Gzip { path: image_path.to_owned(), offset, ends_with_volume: index + 1 == volumes }
+        let ends_with_volume = index + 1 == volumes;
+        Place::Stream(StreamPlace { offset, ends_with_volume, ..gzip(image_path) })
     } else {
         let expected = header.vox_offset + volumes * volume_bytes;
         if found != expected {
@@ -152,22 +153,21 @@ fn open_with(
             .map_err(|source| SourceError::Io { path: image_path.to_owned(), source })?;
         Place::Mapped { map, offset }
     };
-    Ok(Source {
+    let mut files = vec![header_path.to_owned(), image_path.to_owned()];
+    files.dedup();
+    let found = Found {
         dims_xyz,
         spacing_xyz: header.spacing_xyz(),
         unit,
         affine,
-        description: SourceDescription {
-            path: header_path.display().to_string(),
-            bytes: found,
-            sample_type: Some(stored),
-        },
+        path: header_path.to_owned(),
+        bytes: found,
         notes,
+        files,
         format: StoredFormat { stored, big_endian: header.big_endian, scaling },
         place,
-        file_dims_xyz: dims_xyz,
-        region: Region::whole(dims_xyz),
-    })
+    };
+    Ok(found.into())
 }
 
 /// The number that was asked for, or 0, if there are so many.
@@ -193,10 +193,15 @@ fn sample_type(datatype: NiftiDatatype) -> SampleType {
     }
 }
 
-/// The decompressed bytes of a gzip file of one or more members.
-pub(super) fn gzip_stream(path: &Path) -> Result<VoxelStream, SourceError> {
-    let file = BufReader::with_capacity(1 << 16, open_file(path)?);
-    Ok(VoxelStream { path: path.to_owned(), reader: Box::new(MultiGzDecoder::new(file)) })
+/// A gzip file from its first byte on.
+fn gzip(path: &Path) -> StreamPlace {
+    StreamPlace {
+        path: path.to_owned(),
+        file_offset: 0,
+        coding: StreamCoding::Gzip,
+        offset: 0,
+        ends_with_volume: false,
+    }
 }
 
 fn open_file(path: &Path) -> Result<File, SourceError> {

@@ -1,8 +1,8 @@
 //! Raw files: samples and nothing else, but for bytes to skip before them.
 
 use super::map::map_file;
-use super::{Place, RawName, Source, SourceError, SourceOptions, StoredFormat};
-use octree_store::{Geometry, LengthUnit, Region, SampleType, SourceDescription};
+use super::{Found, Place, RawName, Source, SourceError, SourceOptions, StoredFormat};
+use octree_store::{Geometry, LengthUnit, SampleType};
 use std::path::Path;
 
 /// Opens a raw file with what the flags and the name say; flags win.
@@ -32,22 +32,19 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
         std::fs::metadata(path).map_err(|source| SourceError::Io { path: owned(), source })?.len();
     check_size(path, dims_xyz, stored, skip, found)?;
     let map = map_file(path).map_err(|source| SourceError::Io { path: owned(), source })?;
-    Ok(Source {
+    let found = Found {
         dims_xyz,
         spacing_xyz: [1.0; 3],
         unit: LengthUnit::default(),
         affine: None,
-        description: SourceDescription {
-            path: path.display().to_string(),
-            bytes: found,
-            sample_type: Some(stored),
-        },
+        path: owned(),
+        bytes: found,
         notes: Vec::new(),
+        files: vec![owned()],
         format,
         place: Place::Mapped { map, offset: skip },
-        file_dims_xyz: dims_xyz,
-        region: Region::whole(dims_xyz),
-    })
+    };
+    Ok(found.into())
 }
 
 /// Checks that a file holds exactly the voxels that its dimensions say.

@@ -1,9 +1,6 @@
 //! Voxels as a file stores them, and their way to the type that a reader gets.
 
-use crate::source::SourceError;
 use octree_store::{Sample, SampleType, with_sample_type};
-use std::io::{self, Read};
-use std::path::{Path, PathBuf};
 
 /// How a file stores its samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +17,11 @@ impl StoredFormat {
     /// The type that a reader gets: the stored one, or f32 where values are scaled.
     pub fn sample_type(&self) -> SampleType {
         if self.scaling.is_some() { SampleType::F32 } else { self.stored }
+    }
+
+    /// Whether stored bytes are little-endian samples already, so that nothing is left to be done.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.scaling.is_none() && (!self.big_endian || self.stored.bytes() == 1)
     }
 
     /// Turns stored bytes into samples; `bytes` holds `out.len()` stored samples.
@@ -48,68 +50,6 @@ impl StoredFormat {
                 *out = value(S::from_le_slice(bytes));
             }
         }
-    }
-}
-
-/// A stream of stored voxels, z slice by z slice, that can only be read forwards.
-pub struct VoxelStream {
-    /// The file, for messages.
-    pub path: PathBuf,
-    /// The decompressed bytes, positioned at the first voxel.
-    pub reader: Box<dyn Read + Send>,
-}
-
-impl std::fmt::Debug for VoxelStream {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("VoxelStream").field("path", &self.path).finish_non_exhaustive()
-    }
-}
-
-impl VoxelStream {
-    /// Fills `bytes` with what comes next.
-    ///
-    /// # Errors
-    /// When the stream ends first, or cannot be decompressed.
-    pub fn read(&mut self, bytes: &mut [u8]) -> Result<(), SourceError> {
-        self.reader.read_exact(bytes).map_err(|error| stream_error(&self.path, error))
-    }
-
-    /// Passes over `count` bytes.
-    ///
-    /// # Errors
-    /// As [`VoxelStream::read`].
-    pub fn skip(&mut self, count: u64) -> Result<(), SourceError> {
-        let skipped = io::copy(&mut self.reader.by_ref().take(count), &mut io::sink())
-            .map_err(|error| stream_error(&self.path, error))?;
-        if skipped == count {
-            Ok(())
-        } else {
-            Err(stream_error(&self.path, io::ErrorKind::UnexpectedEof.into()))
-        }
-    }
-
-    /// Checks that the stream ends here: its checksum is only looked at then.
-    ///
-    /// # Errors
-    /// When there is more, or the end is damaged.
-    pub fn finish(&mut self) -> Result<(), SourceError> {
-        match self.reader.read(&mut [0]) {
-            Ok(0) => Ok(()),
-            Ok(_) => Err(SourceError::TrailingData { path: self.path.clone() }),
-            Err(error) => Err(stream_error(&self.path, error)),
-        }
-    }
-}
-
-/// A stream's failure is the file's fault where the decoder says so, else the system's.
-fn stream_error(path: &Path, source: io::Error) -> SourceError {
-    let path = path.to_owned();
-    match source.kind() {
-        io::ErrorKind::UnexpectedEof => SourceError::Truncated { path },
-        io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData => {
-            SourceError::Decompression { path, what: source.to_string() }
-        }
-        _ => SourceError::Io { path, source },
     }
 }
 
