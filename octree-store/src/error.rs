@@ -24,13 +24,15 @@ pub enum Damage {
         /// Which fields, and how.
         what: &'static str,
     },
-    /// A page of the payload stream is missing or of the wrong size.
-    #[error("page {page} of payload stream {stream} is missing or cut short")]
+    /// The payload's place lies outside the stream.
+    #[error(
+        "byte {offset} of payload stream {stream}, where its payload should be, does not exist"
+    )]
     PayloadMissing {
         /// The stream.
         stream: u16,
-        /// The page within the stream.
-        page: u64,
+        /// The byte within the stream.
+        offset: u64,
     },
     /// The payload fails its checksum.
     #[error("its payload fails its checksum")]
@@ -87,6 +89,17 @@ pub enum StoreError {
     Incomplete {
         /// The file.
         path: PathBuf,
+    },
+    /// The file is longer or shorter than it says.
+    #[error("{}: it should have {expected} bytes and has {found}: it was cut short or added to; get \
+        another copy, or convert the source again", path.display())]
+    Length {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that its first page speaks of.
+        expected: u64,
+        /// Bytes found.
+        found: u64,
     },
     /// Another process writes the store.
     #[error("{}: another process has it open for writing: try again when it is done", path.display())]

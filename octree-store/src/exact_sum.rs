@@ -27,6 +27,16 @@ impl CompensatedSum {
     pub fn value(&self) -> f64 {
         self.sum + self.error
     }
+
+    /// The two numbers that the sum is made of, to be kept and taken up again.
+    pub fn to_parts(self) -> [f64; 2] {
+        [self.sum, self.error]
+    }
+
+    /// The sum of these parts.
+    pub fn from_parts([sum, error]: [f64; 2]) -> Self {
+        Self { sum, error }
+    }
 }
 
 impl FromIterator<f64> for CompensatedSum {
@@ -47,6 +57,17 @@ pub struct WeightedRms {
 }
 
 impl WeightedRms {
+    /// The numbers that it is made of, to be kept and taken up again.
+    pub fn to_parts(self) -> [f64; 4] {
+        let [sum, error] = self.squares.to_parts();
+        [self.scale, sum, error, self.weight]
+    }
+
+    /// The root mean square of these parts.
+    pub fn from_parts([scale, sum, error, weight]: [f64; 4]) -> Self {
+        Self { scale, squares: CompensatedSum::from_parts([sum, error]), weight }
+    }
+
     /// Adds a finite value that is not negative, with its weight.
     pub fn add(&mut self, weight: f64, value: f64) {
         if value > self.scale {

@@ -1,4 +1,4 @@
-//! An out-of-core octree of small compressed bricks, in one redb file.
+//! An out-of-core octree of small compressed bricks, in one file.
 //!
 //! A *volume* is a rectilinear grid of scalars, x fastest. [`Geometry`] folds it into levels of
 //! bricks; a [`NodeKey`] names one brick; a [`NodeRecord`] says what is known of it; an
@@ -35,8 +35,9 @@
 //! let (record, payload) = encode_samples(key, &samples, Encoding::Lossless);
 //!
 //! let metadata = Metadata::new(&geometry, SampleType::U16, Encoding::Lossless);
-//! let mut writer = StoreWriter::create(&path)?;
-//! writer.append(&mut [(record, payload)])?;
+//! let work = folder.path().join("ramp.work");
+//! let mut writer = StoreWriter::create(&path, &work, Vec::new())?;
+//! writer.append(&mut [record], &payload, Vec::new())?;
 //! writer.finish(metadata)?;
 //!
 //! let store = Store::open(&path)?;
@@ -77,4 +78,4 @@ pub use metadata::{
 };
 pub use record::{BrickState, NodeRecord, PayloadPlace};
 pub use sample::{Sample, SampleBuffer, SampleType, to_le_bytes};
-pub use store::{BrickScratch, Children, OpenOptions, Store, StoreWriter};
+pub use store::{BrickScratch, Children, Committed, OpenOptions, Store, StoreWriter};

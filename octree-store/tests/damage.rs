@@ -11,7 +11,8 @@ use std::path::Path;
 /// A store of 27 + 8 + 1 bricks of 8^3 with noise, lossless.
 fn make(path: &Path) -> Vec<NodeKey> {
     let geometry = Geometry::new([24, 24, 24], 8, 1).unwrap();
-    let mut writer = StoreWriter::create(path).unwrap();
+    let work = path.with_extension("work");
+    let mut writer = StoreWriter::create(path, &work, Vec::new()).unwrap();
     let mut keys = Vec::new();
     let mut state = 1_u32;
     for level in geometry.levels() {
@@ -22,6 +23,7 @@ fn make(path: &Path) -> Vec<NodeKey> {
         parents.sort_unstable();
         for parent in parents {
             let children = parent.children().into_iter().filter(|key| geometry.contains(*key));
+            let mut payloads = Vec::new();
             let mut octet: Vec<_> = children
                 .map(|key| {
                     let samples: Vec<u16> = (0..geometry.brick_samples())
@@ -34,10 +36,11 @@ fn make(path: &Path) -> Vec<NodeKey> {
                     let (mut record, payload) = encode_samples(key, &samples, Encoding::Lossless);
                     record.child_mask = geometry.child_mask(key);
                     (record.subtree_min, record.subtree_max) = (0.0, 65535.0);
-                    (record, payload)
+                    payloads.extend_from_slice(&payload);
+                    record
                 })
                 .collect();
-            writer.append(&mut octet).unwrap();
+            writer.append(&mut octet, &payloads, Vec::new()).unwrap();
         }
     }
     writer.finish(Metadata::new(&geometry, SampleType::U16, Encoding::Lossless)).unwrap();

@@ -25,7 +25,8 @@ pub enum PreprocessError {
         path: PathBuf,
     },
     /// An earlier conversion onto this output did not finish.
-    #[error("{}: an unfinished conversion left this file: give --force to start anew", path.display())]
+    #[error("{}: an unfinished conversion left this file: give --resume to go on with it, or --force to \
+        start anew", path.display())]
     Unfinished {
         /// What it left.
         path: PathBuf,
@@ -46,6 +47,33 @@ pub enum PreprocessError {
     /// The output cannot be written.
     #[error("{}: {source}", path.display())]
     Output {
+        /// The file.
+        path: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
+    /// Unfinished work cannot be gone on with.
+    #[error("{}: this unfinished conversion cannot be resumed: {what}; give --force to start anew",
+        path.display())]
+    CannotResume {
+        /// A file that it left.
+        path: PathBuf,
+        /// Why not.
+        what: &'static str,
+    },
+    /// The work was ended before it was done, and what is durable was kept.
+    #[error("{source}; what was done is kept in {}: run the same command with --resume to go on",
+        path.display())]
+    Kept {
+        /// The unfinished store.
+        path: PathBuf,
+        /// What ended the work.
+        source: Box<PreprocessError>,
+    },
+    /// The scratch file cannot be made or used.
+    #[error("{}: scratch space: {source}: free some of the disk, or give --scratch another folder",
+        path.display())]
+    ScratchFile {
         /// The file.
         path: PathBuf,
         /// The system's error.
@@ -92,7 +120,7 @@ pub enum PreprocessError {
         thread: &'static str,
     },
     /// The caller asked to stop.
-    #[error("stopped before the end; nothing was left behind")]
+    #[error("stopped before the end")]
     Cancelled,
 }
 
@@ -107,7 +135,9 @@ impl PreprocessError {
                 matches!(error, StoreError::Io { source, .. } if !is_denied(source))
                     || matches!(error, StoreError::InUse { .. })
             }
+            Self::Kept { source, .. } => source.is_environment(),
             Self::Scratch(_)
+            | Self::ScratchFile { .. }
             | Self::Thread(_)
             | Self::Panic { .. }
             | Self::Busy { .. }

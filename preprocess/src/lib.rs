@@ -7,6 +7,7 @@
 
 pub mod compare;
 mod convert;
+mod decode;
 mod downsample;
 mod error;
 pub mod export;
@@ -21,7 +22,7 @@ mod volume;
 mod walk;
 mod window;
 
-pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, convert};
+pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, Start, convert};
 pub use error::PreprocessError;
 pub use progress::{NoProgress, Progress};
 pub use source::{Source, SourceError, SourceOptions};

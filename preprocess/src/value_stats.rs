@@ -22,6 +22,11 @@ impl BrickValues {
         values.min_max = range.map(|(min, max)| (min.to_f64(), max.to_f64()));
         values
     }
+
+    /// Voxels that were measured.
+    pub(crate) fn voxels(&self) -> u64 {
+        self.finite + self.nan + self.infinite
+    }
 }
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
@@ -78,6 +83,23 @@ impl VolumeValues {
             (Some((a, b)), Some((c, d))) => Some((a.min(c), b.max(d))),
             (one, other) => one.or(other),
         };
+    }
+
+    /// The numbers it is made of, as the bits of f64 where they are no counts: JSON has no infinities.
+    pub(crate) fn to_bits(&self) -> [u64; 8] {
+        let (min, max) = self.min_max.unwrap_or_default();
+        let [sum, error] = self.sum.to_parts();
+        let [sum, error, min, max] = [sum, error, min, max].map(f64::to_bits);
+        let any = u64::from(self.min_max.is_some());
+        [self.finite, sum, error, self.nan, self.infinite, any, min, max]
+    }
+
+    /// The values of these numbers.
+    pub(crate) fn from_bits(bits: [u64; 8]) -> Self {
+        let [finite, sum, error, nan, infinite, any, min, max] = bits;
+        let [sum, error, min, max] = [sum, error, min, max].map(f64::from_bits);
+        let sum = CompensatedSum::from_parts([sum, error]);
+        Self { finite, sum, nan, infinite, min_max: (any == 1).then_some((min, max)) }
     }
 
     /// The mean of the finite voxels.

@@ -8,7 +8,8 @@ use crate::downsample::Core;
 use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::source::Source;
-use crate::walk::{Octet, Visitor, walk};
+use crate::walk::{Buffers, Earlier, Octet, Sink, Visitor, walk};
+use crate::window::WindowPlace;
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
 use octree_store::{
@@ -70,29 +71,30 @@ pub fn verify_against(
         ..how.clone()
     };
     let plan = ConversionPlan::new(&source, store.path(), &options)?;
+    // Nothing is to be resumed: unnamed scratch will do.
+    let mut walk_options = plan.walk.clone();
+    let folder = options.scratch.clone().unwrap_or_else(std::env::temp_dir);
+    walk_options.window_places.fill(WindowPlace::Unnamed(folder));
     let rules = ValueRules {
         nan_value: metadata.options.get("nan_value").and_then(serde_json::Value::as_f64),
         empty_below: metadata.empty_below,
         empty_value: metadata.empty_value,
     };
     let against = Against { store, rules };
-    let (mut kept, mut dropped) = (ErrorTotal::default(), ErrorTotal::default());
-    let mut damaged = Vec::new();
-    let mut sink = |octets: Vec<Octet<Measured>>| {
-        for visited in octets.into_iter().flatten() {
-            let Measured { error, empty, damage } = visited.output;
-            if visited.key.level() == 0 {
-                if empty { dropped.add(&error) } else { kept.add(&error) }
-            }
-            damaged.extend(damage.map(|damage| DamagedNode { key: visited.key, damage }));
-            progress.bricks_done(1);
-        }
-        if progress.should_stop() { Err(PreprocessError::Cancelled) } else { Ok(()) }
+    let mut sums = Sums {
+        progress,
+        kept: ErrorTotal::default(),
+        dropped: ErrorTotal::default(),
+        damaged: Vec::new(),
     };
     let pool = crate::pool(plan.threads)?;
+    let (buffers, earlier) = (Buffers::default(), Earlier::default());
     with_sample_type!(stored, T => {
-        walk::<T, _>(&source, &plan.geometry, &pool, &plan.walk, &against, &mut sink)?;
+        walk::<T, _>(
+            &source, &plan.geometry, &pool, &walk_options, &against, &buffers, &earlier, &mut sums,
+        )?;
     });
+    let Sums { kept, dropped, mut damaged, .. } = sums;
     damaged.sort_by_key(|node: &DamagedNode| node.key);
     let (kept, dropped) = (kept.total(), dropped.total());
     Ok(AgainstReport {
@@ -102,6 +104,32 @@ pub fn verify_against(
         dropped_amax: dropped.amax,
         damaged,
     })
+}
+
+/// What all bricks add up to.
+struct Sums<'a> {
+    progress: &'a dyn Progress,
+    kept: ErrorTotal,
+    dropped: ErrorTotal,
+    damaged: Vec<DamagedNode>,
+}
+
+impl Sink<Measured> for Sums<'_> {
+    fn take(&mut self, octets: Vec<Octet<Measured>>) -> Result<(), PreprocessError> {
+        for visited in octets.into_iter().flat_map(|octet| octet.bricks) {
+            let Measured { error, empty, damage } = visited.output;
+            if visited.key.level() == 0 {
+                if empty { self.dropped.add(&error) } else { self.kept.add(&error) }
+            }
+            self.damaged.extend(damage.map(|damage| DamagedNode { key: visited.key, damage }));
+            self.progress.bricks_done(1);
+        }
+        if self.progress.should_stop() { Err(PreprocessError::Cancelled) } else { Ok(()) }
+    }
+
+    fn wait_until_durable(&mut self, _: u64) -> Result<(), PreprocessError> {
+        Ok(())
+    }
 }
 
 /// Compares each brick of the source with what the store gives for it.
@@ -138,6 +166,7 @@ impl<T: Sample> Visitor<T> for Against<'_> {
         core: &Core,
         samples: &mut [T],
         scratch: &mut AgainstScratch<T>,
+        _: &mut Vec<u8>,
     ) -> Result<Measured, PreprocessError> {
         if key.level() == 0 {
             self.rules.apply(samples);

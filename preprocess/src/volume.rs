@@ -136,10 +136,10 @@ impl Volume {
                 let place = if bytes <= SLAB_MEMORY_BYTES {
                     WindowPlace::Memory
                 } else {
-                    WindowPlace::Scratch(std::env::temp_dir())
+                    WindowPlace::Unnamed(std::env::temp_dir())
                 };
-                let mut window = Window::new([width, height, core], core, place);
-                let slab = window.blank().map_err(PreprocessError::Scratch)?;
+                let mut window = Window::new([width, height, core], core, place, None);
+                let (slab, _) = window.blank().map_err(PreprocessError::Scratch)?;
                 let brick = vec![T::default(); store.geometry().brick_samples()];
                 VolumeSlices::Store(Box::new(StoreSlices {
                     store,

@@ -5,17 +5,22 @@
 //! becomes a chunk of that level's [`Window`]; as soon as a window holds a row of octets and the
 //! overlap above it, that row is walked too. So all levels are walked together, with a few dozen
 //! slices of each in memory, and the order does not depend on the number of threads.
+//!
+//! A walk can skip the octets that an earlier one has done: it then goes the same way without
+//! touching any voxel, and finds in the windows' slots what the earlier one left there.
 
+use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, mean, step_deviation};
 use crate::error::PreprocessError;
 use crate::gather::{Rows, gather};
-use crate::source::{Slices, Source};
+use crate::source::Source;
 use crate::window::{Chunk, Window, WindowPlace};
 use octree_store::{Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
 use rayon::prelude::*;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread;
+use std::fs::File;
+use std::sync::{Arc, Mutex, PoisonError};
+use twox_hash::XxHash3_64;
 
 /// What is done with each brick; called from many threads at once.
 pub(crate) trait Visitor<T>: Sync {
@@ -25,13 +30,14 @@ pub(crate) trait Visitor<T>: Sync {
     type Scratch: Default + Send;
 
     /// Visits a brick: all its samples, and where its in-volume core is. What it changes at
-    /// level 0 goes into the levels above.
+    /// level 0 goes into the levels above; its payload is added to its octet's.
     fn visit(
         &self,
         key: NodeKey,
         core: &Core,
         samples: &mut [T],
         scratch: &mut Self::Scratch,
+        payloads: &mut Vec<u8>,
     ) -> Result<Self::Output, PreprocessError>;
 }
 
@@ -44,8 +50,26 @@ pub(crate) struct Visited<O> {
     pub(crate) step: StepDeviation,
 }
 
-/// The visited bricks that share a parent, in octant order.
-pub(crate) type Octet<O> = Vec<Visited<O>>;
+/// The visited bricks that share a parent.
+#[derive(Debug)]
+pub(crate) struct Octet<O> {
+    /// In octant order.
+    pub(crate) bricks: Vec<Visited<O>>,
+    /// The bricks' payloads, one after the other.
+    pub(crate) payloads: Vec<u8>,
+    /// XXH3-64 of the parent's core as it went into its window; 0 without a window's slots.
+    pub(crate) block_checksum: u64,
+}
+
+/// Where visited octets go, in an order that depends on the geometry alone.
+pub(crate) trait Sink<O> {
+    /// Takes the next octets.
+    fn take(&mut self, octets: Vec<Octet<O>>) -> Result<(), PreprocessError>;
+
+    /// Returns when the first so many octets of the walk are durable: a slot whose content they
+    /// needed is about to be filled anew.
+    fn wait_until_durable(&mut self, octets: u64) -> Result<(), PreprocessError>;
+}
 
 /// How a walk uses the machine.
 #[derive(Debug, Clone)]
@@ -54,19 +78,45 @@ pub(crate) struct WalkOptions {
     pub(crate) batch_octets: usize,
     /// For each level above 0, where its window lives.
     pub(crate) window_places: Vec<WindowPlace>,
-    /// For a streamed source, where the window of level 0 lives.
+    /// For a source that must be decoded, where the window of level 0 lives.
     pub(crate) stream_place: WindowPlace,
-    /// For a streamed source, how many chunks may be decoded ahead of the walk.
+    /// Slices in a chunk of that window.
+    pub(crate) stream_chunk: u64,
+    /// How many of its chunks may be decoded ahead of the walk.
     pub(crate) stream_chunks_ahead: u64,
 }
 
-/// Slices in a chunk of a streamed source's window.
-pub(crate) const STREAM_CHUNK: u64 = 4;
+/// What an earlier walk has left.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Earlier {
+    /// Octets that are done.
+    pub(crate) octets: u64,
+    /// The file of the windows' slots.
+    pub(crate) scratch: Option<Arc<File>>,
+}
 
-/// Chunks that a streamed source's window holds at most, without those decoded ahead.
-pub(crate) fn stream_window_chunks(geometry: &Geometry) -> u64 {
+/// Payload buffers on their way back from the writer: none is allocated anew in the long run.
+#[derive(Debug, Default)]
+pub(crate) struct Buffers<B>(Mutex<Vec<Vec<B>>>);
+
+impl<B> Buffers<B> {
+    /// An empty buffer, with room from earlier use where there is one.
+    pub(crate) fn take(&self) -> Vec<B> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+    }
+
+    /// Gives a buffer back.
+    pub(crate) fn give(&self, mut buffer: Vec<B>) {
+        buffer.clear();
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+    }
+}
+
+/// Chunks of so many slices that a decoded source's window holds at most, without those decoded
+/// ahead.
+pub(crate) fn stream_window_chunks(geometry: &Geometry, chunk: u64) -> u64 {
     let slices = 2 * u64::from(geometry.core() + geometry.overlap());
-    slices.min(geometry.dims_xyz()[2]).div_ceil(STREAM_CHUNK) + 2
+    slices.min(geometry.dims_xyz()[2]).div_ceil(chunk) + 2
 }
 
 /// Chunks, of a core's slices each, that the window of a level above 0 holds at most: two to be
@@ -75,79 +125,82 @@ pub(crate) fn level_window_chunks(geometry: &Geometry, level: u8) -> u64 {
     geometry.grid_at(level)[2].min(4)
 }
 
-/// Walks a source; `sink` gets the octets in an order that depends on the geometry alone.
+/// Octets in each row of a level.
+pub(crate) fn octets_in_row(geometry: &Geometry, level: u8) -> u64 {
+    let [columns, lines, _] = geometry.grid_at(level).map(|n| n.div_ceil(2));
+    columns * lines
+}
+
+/// Walks a source from where an earlier walk has left it; `sink` gets the octets.
+#[allow(clippy::too_many_arguments, reason = "what is walked, by what means, for whom")]
 pub(crate) fn walk<T: Sample, V: Visitor<T>>(
     source: &Source,
     geometry: &Geometry,
     pool: &ThreadPool,
     options: &WalkOptions,
     visitor: &V,
-    sink: &mut Sink<'_, V::Output>,
+    payloads: &Buffers<u8>,
+    earlier: &Earlier,
+    sink: &mut dyn Sink<V::Output>,
 ) -> Result<(), PreprocessError> {
     let levels = geometry.levels().skip(1).zip(&options.window_places);
     let mut levels: Vec<_> = levels
         .map(|(level, place)| {
             let chunk = u64::from(geometry.core());
-            LevelState {
-                window: Window::new(geometry.dims_at(level), chunk, place.clone()),
-                next_row: 0,
-            }
+            let (dims, scratch) = (geometry.dims_at(level), earlier.scratch.clone());
+            LevelState { window: Window::new(dims, chunk, place.clone(), scratch), next_row: 0 }
         })
         .collect();
-    let walker = Walker { geometry, pool, visitor, batch_octets: options.batch_octets };
+    let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
+    let batch_octets = options.batch_octets;
+    let blocks = Buffers(Mutex::default());
+    let checksums = earlier.scratch.is_some();
+    let walker =
+        Walker { geometry, pool, visitor, batch_octets, payloads, blocks, scratches, checksums };
+    let mut course = Course { done: 0, skip: earlier.octets, sink };
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
-            walker.walk_row(&mapped, 0, row, &mut levels, sink)?;
+            mapped.will_need(walker.slices_after(row));
+            walker.walk_row(&mapped, 0, row, &mut levels, &mut course)?;
         }
         return Ok(());
     }
-    let mut window = Window::new(geometry.dims_xyz(), STREAM_CHUNK, options.stream_place.clone());
-    let chunks = stream_window_chunks(geometry) + options.stream_chunks_ahead;
-    let (full_sender, full) = sync_channel(chunks as usize);
-    let (blank_sender, blanks) = sync_channel(chunks as usize);
-    for _ in 0..chunks {
-        let blank = window.blank().map_err(PreprocessError::Scratch)?;
-        blank_sender.send(blank).expect("the channel has room for all, and its receiver is here");
+    let (place, chunk) = (options.stream_place.clone(), options.stream_chunk);
+    let mut window = Window::new(geometry.dims_xyz(), chunk, place, None);
+    // Rows that are done need no voxels.
+    let mut first_row = 0;
+    while first_row < walker.octet_rows(0)
+        && course.done + octets_in_row(geometry, 0) <= course.skip
+    {
+        walker.walk_row(&window, 0, first_row, &mut levels, &mut course)?;
+        first_row += 1;
     }
-    let slices = source.slices()?;
-    thread::scope(|scope| {
-        let decoder = thread::Builder::new()
-            .name("decode".into())
-            .spawn_scoped(scope, move || decode(slices, geometry.dims_xyz(), &blanks, &full_sender))
-            .map_err(PreprocessError::Thread)?;
-        let walked = walker.walk_stream(&mut window, &full, &blank_sender, &mut levels, sink);
-        drop((full, blank_sender));
-        let decoded = decoder.join().map_err(|_| PreprocessError::Panic { thread: "decode" })?;
-        // A walk that ran out of slices has no error of its own: the decoder's says why.
-        walked.and(decoded)
-    })
-}
-
-/// Where visited octets go, a batch at a time.
-pub(crate) type Sink<'a, O> = dyn FnMut(Vec<Octet<O>>) -> Result<(), PreprocessError> + 'a;
-
-/// Fills blank chunks with a source's slices, in order, until they end or nobody wants them.
-fn decode<T: Sample>(
-    mut slices: Slices<'_>,
-    dims_xyz: [u64; 3],
-    blanks: &Receiver<Chunk<T>>,
-    full: &SyncSender<Chunk<T>>,
-) -> Result<(), PreprocessError> {
-    let slice = (dims_xyz[0] * dims_xyz[1]) as usize;
-    let mut z = 0;
-    while z < dims_xyz[2] {
-        let Ok(mut chunk) = blanks.recv() else { return Ok(()) };
-        for samples in chunk.samples_mut().chunks_exact_mut(slice) {
-            if z < dims_xyz[2] {
-                slices.next(samples)?;
-                z += 1;
+    if first_row == walker.octet_rows(0) {
+        return Ok(());
+    }
+    let first_slice = walker.slices_done(first_row.wrapping_sub(1));
+    let decoder = Decoder { source, pool, chunk, first_chunk: first_slice / chunk };
+    window.begin_at(decoder.first_chunk);
+    let chunks = stream_window_chunks(geometry, chunk) + options.stream_chunks_ahead;
+    let blanks = (0..chunks).map(|_| Ok(window.blank()?.0)).collect::<Result<_, _>>();
+    decoder.run(blanks.map_err(PreprocessError::Scratch)?, |full, blanks| {
+        for row in first_row..walker.octet_rows(0) {
+            while window.slices() < walker.slices_needed(0, row) {
+                // Slices that end early have an error of their own.
+                let Ok(chunk) = full.recv() else { return Ok(()) };
+                window.push(chunk);
+            }
+            walker.walk_row(&window, 0, row, &mut levels, &mut course)?;
+            window.drop_before(walker.slices_done(row), course.done);
+            while let Some(blank) = window.take_spare() {
+                // A decoder that is done needs no more.
+                if blanks.send(blank).is_err() {
+                    break;
+                }
             }
         }
-        if full.send(chunk).is_err() {
-            return Ok(());
-        }
-    }
-    Ok(())
+        Ok(())
+    })
 }
 
 /// A level above 0: its window, and the first row of octets that has not been walked.
@@ -156,11 +209,26 @@ struct LevelState<T> {
     next_row: u64,
 }
 
-struct Walker<'a, V> {
+/// How far the walk is, and where it delivers.
+struct Course<'a, O> {
+    /// Octets walked, skipped ones included.
+    done: u64,
+    /// Octets that an earlier walk has done.
+    skip: u64,
+    sink: &'a mut dyn Sink<O>,
+}
+
+struct Walker<'a, T: Sample, V: Visitor<T>> {
     geometry: &'a Geometry,
     pool: &'a ThreadPool,
     visitor: &'a V,
     batch_octets: usize,
+    payloads: &'a Buffers<u8>,
+    /// Parents' cores, to be used again.
+    blocks: Buffers<T>,
+    /// One for each thread of the pool.
+    scratches: Vec<Mutex<ThreadScratch<T, V::Scratch>>>,
+    checksums: bool,
 }
 
 /// What a thread keeps from brick to brick.
@@ -170,7 +238,16 @@ struct ThreadScratch<T, S> {
     visitor: S,
 }
 
-impl<V> Walker<'_, V> {
+impl<T, S: Default> Default for ThreadScratch<T, S> {
+    fn default() -> Self {
+        Self { brick: Vec::new(), coarse: Vec::new(), visitor: S::default() }
+    }
+}
+
+/// A visited octet, and its parent's in-volume core, x fastest, which is empty at the top level.
+type Made<T, O> = (Octet<O>, Vec<T>);
+
+impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
     fn octet_rows(&self, level: u8) -> u64 {
         self.geometry.grid_at(level)[2].div_ceil(2)
     }
@@ -182,162 +259,199 @@ impl<V> Walker<'_, V> {
             .min(self.geometry.dims_at(level)[2])
     }
 
-    /// The first slice of a level that rows of octets after `row` need.
+    /// The first slice of a level that rows of octets after `row` need; `row` may be -1.
     fn slices_done(&self, row: u64) -> u64 {
         let depth = 2 * u64::from(self.geometry.core());
-        ((row + 1) * depth).saturating_sub(u64::from(self.geometry.overlap()))
+        (row.wrapping_add(1) * depth).saturating_sub(u64::from(self.geometry.overlap()))
     }
 
-    /// Walks level 0 as its slices arrive; ends early where they end early.
-    fn walk_stream<T: Sample>(
-        &self,
-        window: &mut Window<T>,
-        full: &Receiver<Chunk<T>>,
-        blanks: &SyncSender<Chunk<T>>,
-        levels: &mut [LevelState<T>],
-        sink: &mut Sink<'_, V::Output>,
-    ) -> Result<(), PreprocessError>
-    where
-        V: Visitor<T>,
-    {
-        for row in 0..self.octet_rows(0) {
-            while window.slices() < self.slices_needed(0, row) {
-                let Ok(chunk) = full.recv() else { return Ok(()) };
-                window.push(chunk);
-            }
-            self.walk_row(window, 0, row, levels, sink)?;
-            window.drop_before(self.slices_done(row));
-            while let Some(blank) = window.take_spare() {
-                // A decoder that is done needs no more.
-                if blanks.send(blank).is_err() {
-                    break;
-                }
-            }
-        }
-        Ok(())
+    /// The slices of level 0 that the row of octets after `row` needs, and none up to it.
+    fn slices_after(&self, row: u64) -> std::ops::Range<u64> {
+        self.slices_needed(0, row)..self.slices_needed(0, row + 1)
     }
 
     /// Walks one row of octets of a level, then every row of the levels above that it completes.
-    fn walk_row<T: Sample>(
+    fn walk_row(
         &self,
         rows: &impl Rows<T>,
         level: u8,
         row: u64,
         above: &mut [LevelState<T>],
-        sink: &mut Sink<'_, V::Output>,
-    ) -> Result<(), PreprocessError>
-    where
-        V: Visitor<T>,
-    {
+        course: &mut Course<'_, V::Output>,
+    ) -> Result<(), PreprocessError> {
         let Some((next, above)) = above.split_first_mut() else {
-            return self.walk_batches(rows, level, row, None, sink);
+            return self.walk_octets(rows, level, row, None, course);
         };
-        let mut chunk = next.window.blank().map_err(PreprocessError::Scratch)?;
-        self.walk_batches(rows, level, row, Some(&mut chunk), sink)?;
+        let (mut chunk, freed_at) = next.window.blank().map_err(PreprocessError::Scratch)?;
+        if let Some(octets) = freed_at.filter(|octets| *octets > course.skip) {
+            course.sink.wait_until_durable(octets)?;
+        }
+        self.walk_octets(rows, level, row, Some(&mut chunk), course)?;
         next.window.push(chunk);
         while next.next_row < self.octet_rows(level + 1)
             && next.window.slices() >= self.slices_needed(level + 1, next.next_row)
         {
-            self.walk_row(&next.window, level + 1, next.next_row, above, sink)?;
-            next.window.drop_before(self.slices_done(next.next_row));
+            self.walk_row(&next.window, level + 1, next.next_row, above, course)?;
+            next.window.drop_before(self.slices_done(next.next_row), course.done);
             next.next_row += 1;
         }
         Ok(())
     }
 
-    fn walk_batches<T: Sample>(
+    /// Walks the octets of one row. While one batch is made by the pool, the one before it is
+    /// handed on.
+    fn walk_octets(
         &self,
         rows: &impl Rows<T>,
         level: u8,
         row: u64,
         mut chunk: Option<&mut Chunk<T>>,
-        sink: &mut Sink<'_, V::Output>,
-    ) -> Result<(), PreprocessError>
-    where
-        V: Visitor<T>,
-    {
+        course: &mut Course<'_, V::Output>,
+    ) -> Result<(), PreprocessError> {
         let [columns, lines, _] = self.geometry.grid_at(level).map(|n| n.div_ceil(2));
         let mut parents: Vec<NodeKey> = (0..lines)
             .flat_map(|y| (0..columns).map(move |x| NodeKey::new(level + 1, [x, y, row])))
             .collect();
         parents.sort_unstable();
-        let samples = self.geometry.brick_samples();
+        let skipped = course.skip.saturating_sub(course.done).min(parents.len() as u64);
+        course.done += skipped;
+        let mut made: Vec<Made<T, V::Output>> = Vec::new();
+        let mut handed_on = 0;
+        let parents = &parents[skipped as usize..];
         for batch in parents.chunks(self.batch_octets) {
-            let visited: Vec<_> = self.pool.install(|| {
-                let init = || ThreadScratch {
-                    brick: vec![T::default(); samples],
-                    coarse: Vec::new(),
-                    visitor: V::Scratch::default(),
-                };
-                let each = |scratch: &mut _, parent: &NodeKey| {
-                    self.visit_octet(rows, *parent, chunk.is_some(), scratch)
-                };
-                batch.par_iter().map_init(init, each).collect::<Result<_, PreprocessError>>()
-            })?;
-            let mut octets = Vec::with_capacity(visited.len());
-            for (&parent, (octet, block)) in batch.iter().zip(visited) {
-                if let Some(chunk) = &mut chunk {
-                    self.place_block(parent, &block, chunk.samples_mut());
-                }
-                octets.push(octet);
-            }
-            sink(octets)?;
+            let coarsen = chunk.is_some();
+            let (mut making, mut handing) = (None, Ok(()));
+            self.pool.in_place_scope(|scope| {
+                scope.spawn(|_| making = Some(self.visit_batch(rows, batch, coarsen)));
+                let before = std::mem::take(&mut made);
+                let keys = &parents[handed_on..handed_on + before.len()];
+                handed_on += before.len();
+                handing = self.hand_on(keys, before, chunk.as_deref_mut(), course);
+            });
+            handing?;
+            made = making.expect("the scope waits for what it spawns")?;
         }
-        Ok(())
+        self.hand_on(&parents[handed_on..], made, chunk, course)
     }
 
-    /// Visits the children of `parent`; with `coarsen`, their means come too: the parent's
-    /// in-volume core, x fastest.
-    fn visit_octet<T: Sample>(
+    /// Puts parents' cores into their chunk, and gives the octets to the sink.
+    fn hand_on(
+        &self,
+        parents: &[NodeKey],
+        made: Vec<Made<T, V::Output>>,
+        mut chunk: Option<&mut Chunk<T>>,
+        course: &mut Course<'_, V::Output>,
+    ) -> Result<(), PreprocessError> {
+        if made.is_empty() {
+            return Ok(());
+        }
+        course.done += made.len() as u64;
+        let mut octets = Vec::with_capacity(made.len());
+        for (&parent, (octet, block)) in parents.iter().zip(made) {
+            if let Some(chunk) = &mut chunk {
+                place_block(self.geometry, parent, &block, chunk.samples_mut());
+            }
+            self.blocks.give(block);
+            octets.push(octet);
+        }
+        course.sink.take(octets)
+    }
+
+    fn visit_batch(
+        &self,
+        rows: &impl Rows<T>,
+        batch: &[NodeKey],
+        coarsen: bool,
+    ) -> Result<Vec<Made<T, V::Output>>, PreprocessError> {
+        let each = |parent: &NodeKey| {
+            let thread = rayon::current_thread_index().unwrap_or(0);
+            let mut scratch = self.scratches[thread].lock().unwrap_or_else(PoisonError::into_inner);
+            self.visit_octet(rows, *parent, coarsen, &mut scratch)
+        };
+        batch.par_iter().with_max_len(1).map(each).collect()
+    }
+
+    /// Visits the children of `parent`; with `coarsen`, their means come too.
+    fn visit_octet(
         &self,
         rows: &impl Rows<T>,
         parent: NodeKey,
         coarsen: bool,
         scratch: &mut ThreadScratch<T, V::Scratch>,
-    ) -> Result<(Octet<V::Output>, Vec<T>), PreprocessError>
-    where
-        V: Visitor<T>,
-    {
+    ) -> Result<Made<T, V::Output>, PreprocessError> {
         let geometry = self.geometry;
         let [bx, by, bz] = if coarsen {
             geometry.core_region(parent).dims_xyz().map(|n| n as usize)
         } else {
             [0; 3]
         };
-        let mut block = vec![T::default(); bx * by * bz];
-        let mut octet = Vec::with_capacity(8);
+        let mut block = self.blocks.take();
+        block.resize(bx * by * bz, T::default());
+        scratch.brick.resize(geometry.brick_samples(), T::default());
+        let mut octet = Octet {
+            bricks: Vec::with_capacity(8),
+            payloads: self.payloads.take(),
+            block_checksum: 0,
+        };
         let half = geometry.core() as usize / 2;
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
             gather(rows, geometry, key, &mut scratch.brick);
             let core = Core::of(geometry, key);
-            let output =
-                self.visitor.visit(key, &core, &mut scratch.brick, &mut scratch.visitor)?;
+            let ThreadScratch { brick, coarse, visitor } = scratch;
+            let output = self.visitor.visit(key, &core, brick, visitor, &mut octet.payloads)?;
             let mut step = StepDeviation::default();
             if coarsen {
-                mean(&scratch.brick, &core, &mut scratch.coarse);
-                step = step_deviation(&scratch.brick, &core, &scratch.coarse, geometry, key);
+                mean(brick, &core, coarse);
+                step = step_deviation(brick, &core, coarse, geometry, key);
                 let [cx, cy, _] = core.coarse_extent();
                 let octant = key.octant();
                 let [x, y, z] = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * half);
-                for (i, row) in scratch.coarse.chunks_exact(cx).enumerate() {
+                for (i, row) in coarse.chunks_exact(cx).enumerate() {
                     let to = ((z + i / cy) * by + y + i % cy) * bx + x;
                     block[to..to + cx].copy_from_slice(row);
                 }
             }
-            octet.push(Visited { key, output, step });
+            octet.bricks.push(Visited { key, output, step });
+        }
+        if self.checksums && coarsen {
+            octet.block_checksum = block_checksum(&block);
         }
         Ok((octet, block))
     }
+}
 
-    /// Copies a parent's core into the chunk of its level that holds its slices.
-    fn place_block<T: Sample>(&self, parent: NodeKey, block: &[T], chunk: &mut [T]) {
-        let region = self.geometry.core_region(parent);
-        let [width, height, _] = self.geometry.dims_at(parent.level()).map(|n| n as usize);
-        let [bx, by, _] = region.dims_xyz().map(|n| n as usize);
-        let [x, y] = [region.min[0] as usize, region.min[1] as usize];
-        for (i, row) in block.chunks_exact(bx).enumerate() {
-            let to = (i / by * height + y + i % by) * width + x;
-            chunk[to..to + bx].copy_from_slice(row);
-        }
+/// The checksum of a parent's core.
+pub(crate) fn block_checksum<T: Sample>(block: &[T]) -> u64 {
+    XxHash3_64::oneshot(bytemuck::cast_slice(block))
+}
+
+/// Copies a parent's core into the chunk of its level that holds its slices.
+fn place_block<T: Sample>(geometry: &Geometry, parent: NodeKey, block: &[T], chunk: &mut [T]) {
+    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
+    for (row, to) in block.chunks_exact(width).zip(block_rows(geometry, parent)) {
+        chunk[to..to + width].copy_from_slice(row);
     }
+}
+
+/// Copies a parent's core out of its chunk.
+pub(crate) fn read_block<T: Sample>(
+    geometry: &Geometry,
+    parent: NodeKey,
+    chunk: &[T],
+    block: &mut Vec<T>,
+) {
+    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
+    block.clear();
+    for from in block_rows(geometry, parent) {
+        block.extend_from_slice(&chunk[from..from + width]);
+    }
+}
+
+/// Where the rows of a parent's core begin in its chunk.
+fn block_rows(geometry: &Geometry, parent: NodeKey) -> impl Iterator<Item = usize> {
+    let region = geometry.core_region(parent);
+    let [width, height, _] = geometry.dims_at(parent.level()).map(|n| n as usize);
+    let [_, by, bz] = region.dims_xyz().map(|n| n as usize);
+    let [x, y] = [region.min[0] as usize, region.min[1] as usize];
+    (0..by * bz).map(move |i| (i / by * height + y + i % by) * width + x)
 }

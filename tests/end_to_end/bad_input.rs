@@ -178,7 +178,12 @@ fn what_is_no_store_is_told_from_a_damaged_a_newer_and_an_unfinished_one() {
     }
     bench.write("newer.octavo", &newer);
     refused(&bench, "info newer.octavo", 2, &["version is 200", "newer octavo"]);
-    let unfinished = octree_store::StoreWriter::create(&bench.path("u.octavo")).unwrap();
+    let unfinished = octree_store::StoreWriter::create(
+        &bench.path("u.octavo"),
+        &bench.path("u.index"),
+        Vec::new(),
+    )
+    .unwrap();
     drop(unfinished);
     refused(&bench, "info u.octavo", 2, &["u.octavo", "not finished"]);
 }

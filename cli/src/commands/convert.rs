@@ -8,7 +8,7 @@ use crate::progress::Bar;
 use clap::{Args, ValueEnum};
 use octree_store::{Encoding, LengthUnit, Region};
 use preprocess::PreprocessError;
-use preprocess::{Conversion, ConversionPlan, ConvertOptions, Source, convert};
+use preprocess::{Conversion, ConversionPlan, ConvertOptions, Source, Start, convert};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -22,6 +22,7 @@ use std::path::{Path, PathBuf};
     octavo convert tooth.nii.gz\n  \
     octavo convert scan_1024x1024x1024_u16.raw -o scan.octavo --spacing 10,10,10 --unit um\n  \
     octavo convert scan.raw --dims 512,512,300 --dtype u16 --big-endian --empty-below 6400\n  \
+    octavo convert scan.nii --resume\n  \
     octavo convert scan.nii --plan")]
 pub(super) struct Convert {
     /// The volume
@@ -66,9 +67,12 @@ pub(super) struct Convert {
     /// Folder of scratch files [default: beside the output]
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
-    /// Replace an existing store
+    /// Replace an existing store, or begin unfinished work anew
     #[arg(long)]
     force: bool,
+    /// Go on with an unfinished conversion, or begin one where there is none
+    #[arg(long, conflicts_with = "force")]
+    resume: bool,
     /// Print what would happen and stop
     #[arg(long)]
     plan: bool,
@@ -124,7 +128,9 @@ impl Convert {
             }
             return Ok(Answer::Done);
         }
-        if let Some(report) = self.report.as_ref().filter(|report| report.exists() && !self.force) {
+        if let Some(report) =
+            self.report.as_ref().filter(|report| report.exists() && !self.force && !self.resume)
+        {
             let path = report.to_owned();
             return Err(PreprocessError::Exists { path }.into());
         }
@@ -145,7 +151,7 @@ impl Convert {
         let done = done?;
         let report = report(&done);
         if let Some(path) = &self.report {
-            write_whole(path, self.force, |file| {
+            write_whole(path, self.force || self.resume, |file| {
                 serde_json::to_writer_pretty(&mut *file, &report)?;
                 writeln!(file)
             })?;
@@ -175,7 +181,11 @@ impl Convert {
             threads: self.threads.map_or(defaults.threads, usize::from),
             memory_bytes: self.memory,
             scratch: self.scratch.clone(),
-            force: self.force,
+            start: match (self.force, self.resume) {
+                (true, _) => Start::Replace,
+                (_, true) => Start::Resume,
+                _ => Start::Fresh,
+            },
         }
     }
 }
@@ -200,7 +210,7 @@ fn report(done: &Conversion) -> Report<'_> {
         voxels_per_sec: voxels as f64 / done.total_secs,
         peak_memory_bytes: done.peak_memory_bytes,
         predicted_memory_bytes: done.plan.predicted_memory_bytes,
-        resumed_bricks: 0,
+        resumed_bricks: done.resumed_bricks,
     }
 }
 
@@ -274,6 +284,9 @@ fn print_summary(done: &Conversion, input: &Path, output: &Path) -> io::Result<(
     writeln!(out, "  {}", super::info::error_line(metadata))?;
     if metadata.dropped_voxels > 0 {
         writeln!(out, "  {}", super::info::dropped_line(metadata))?;
+    }
+    if done.resumed_bricks > 0 {
+        writeln!(out, "  {} bricks were there from an earlier run", done.resumed_bricks)?;
     }
     if let Some(peak) = done.peak_memory_bytes {
         writeln!(

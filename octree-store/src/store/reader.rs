@@ -1,25 +1,27 @@
 //! Reading a store: from any number of threads, and several processes at once.
 
 use super::guard::{Failure, guard};
+use super::index_backend::IndexBackend;
+use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
 use super::tables::ReadTables;
-use super::{PAGE_BYTES, page_key};
 use crate::encoding::{Encoding, lossless, payload, quantised8};
 use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
 use crate::metadata::{FORMAT_VERSION, Metadata, MetadataError};
-use crate::record::{BrickState, NodeRecord};
+use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::{Sample, SampleBuffer};
 use crate::with_sample_type;
 use redb::{Builder, ReadOnlyDatabase};
 use std::fs::File;
-use std::io::Read;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How to open a store for reading.
 #[derive(Debug, Clone, Copy)]
 pub struct OpenOptions {
-    /// Bytes of redb's page cache (default 64 MiB).
+    /// Bytes of redb's page cache, which holds records (default 64 MiB).
     pub cache_bytes: usize,
 }
 
@@ -37,53 +39,52 @@ impl OpenOptions {
     /// being written, or its metadata is damaged.
     pub fn open(&self, path: impl AsRef<Path>) -> Result<Store, StoreError> {
         let path = path.as_ref();
-        check_magic(path)?;
-        let database =
-            guard(|| Builder::new().set_cache_size(self.cache_bytes).open_read_only(path))
-                .map_err(|failure| failure.at(path))?;
-        let tables = ReadTables::open(&database).map_err(|failure| match failure {
-            Failure::Corrupt(what) if what.contains("does not exist") => {
-                StoreError::Incomplete { path: path.to_owned() }
-            }
-            other => other.at(path),
-        })?;
+        let io_error = |source| StoreError::Io { path: path.to_owned(), source };
+        let metadata_damaged =
+            |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
         let incomplete = || StoreError::Incomplete { path: path.to_owned() };
+        let file = File::open(path).map_err(io_error)?;
+        let superblock = Superblock::read(&file).map_err(|error| match error {
+            SuperblockError::Io(source) => io_error(source),
+            SuperblockError::NotAStore(found) => {
+                StoreError::NotAStore { path: path.to_owned(), found }
+            }
+            SuperblockError::Newer(found) => newer(path, found),
+            SuperblockError::Damaged(what) => metadata_damaged(what.into()),
+        })?;
+        if superblock.index_offset == 0 {
+            return Err(incomplete());
+        }
+        let found = file.metadata().map_err(io_error)?.len();
+        if !superblock.fits(found) {
+            let expected = superblock.index_offset.saturating_add(superblock.index_bytes);
+            return Err(StoreError::Length { path: path.to_owned(), expected, found });
+        }
+        let file = Arc::new(file);
+        let Superblock { index_offset, index_bytes, payload_bytes, .. } = superblock;
+        let backend = IndexBackend::reading(Arc::clone(&file), index_offset, index_bytes);
+        let database = guard(|| {
+            Builder::new().set_cache_size(self.cache_bytes).open_read_only_with_backend(backend)
+        })
+        .map_err(|failure| failure.at(path))?;
+        let tables = ReadTables::open(&database).map_err(|failure| failure.at(path))?;
         let bytes =
             tables.metadata().map_err(|failure| failure.at(path))?.ok_or_else(incomplete)?;
         let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
-            MetadataError::Newer(found) => {
-                StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
-            }
-            other => StoreError::MetadataDamaged { path: path.to_owned(), what: other.to_string() },
+            MetadataError::Newer(found) => newer(path, found),
+            other => metadata_damaged(other.to_string()),
         })?;
         if !metadata.complete {
             return Err(incomplete());
         }
-        let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
-            path: path.to_owned(),
-            what: error.to_string(),
-        })?;
-        Ok(Store { path: path.to_owned(), metadata, geometry, tables, _database: database })
+        let geometry = metadata.geometry().map_err(|error| metadata_damaged(error.to_string()))?;
+        let path = path.to_owned();
+        Ok(Store { path, file, payload_bytes, metadata, geometry, tables, _database: database })
     }
 }
 
-/// Every redb file begins with these bytes; anything else gets a message of its own.
-fn check_magic(path: &Path) -> Result<(), StoreError> {
-    const REDB_MAGIC: [u8; 9] = *b"redb\x1a\x0a\xa9\x0d\x0a";
-    let io_error = |source| StoreError::Io { path: path.to_owned(), source };
-    let file = File::open(path).map_err(io_error)?;
-    let metadata = file.metadata().map_err(io_error)?;
-    let not_a_store = |found| Err(StoreError::NotAStore { path: path.to_owned(), found });
-    if metadata.is_dir() {
-        return not_a_store("it is a folder");
-    }
-    let mut start = Vec::new();
-    file.take(REDB_MAGIC.len() as u64).read_to_end(&mut start).map_err(io_error)?;
-    match start.as_slice() {
-        [] => not_a_store("it is an empty file"),
-        start if *start == REDB_MAGIC => Ok(()),
-        _ => not_a_store("it does not begin as a store does"),
-    }
+fn newer(path: &Path, found: u32) -> StoreError {
+    StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
 }
 
 /// Buffers that reading keeps from brick to brick: one a thread.
@@ -117,6 +118,9 @@ impl Children {
 /// a brick is decoded.
 pub struct Store {
     path: PathBuf,
+    file: Arc<File>,
+    /// Bytes of the payload stream.
+    payload_bytes: u64,
     metadata: Metadata,
     geometry: Geometry,
     tables: ReadTables,
@@ -344,37 +348,28 @@ impl Store {
         }
     }
 
-    /// Copies a record's payload out of the stream's pages and checks it.
+    /// Reads a record's payload and checks it.
     fn fetch_payload(&self, record: &NodeRecord, payload: &mut Vec<u8>) -> Result<(), StoreError> {
-        payload.clear();
-        let place = record.place;
-        if place.length == 0 {
-            return Ok(());
-        }
-        let page_bytes = PAGE_BYTES as u64;
+        let PayloadPlace { stream, offset, length } = record.place;
         // What a damaged record asks for must not be allocated before it is there.
-        let end = place.offset.checked_add(u64::from(place.length));
+        let end = offset.checked_add(u64::from(length)).filter(|end| *end <= self.payload_bytes);
         let limit = 2 * self.geometry.brick_samples() * self.metadata.sample_type.bytes() + 1024;
-        let Some(end) =
-            end.filter(|end| end / page_bytes < 1 << 48 && place.length as usize <= limit)
-        else {
-            return Err(self.damaged(record.key, Damage::Tree { what: "its payload's place" }));
-        };
-        let (first, last) = (place.offset / page_bytes, (end - 1) / page_bytes);
-        let pages = page_key(place.stream, first)..=page_key(place.stream, last);
-        let mut next = first;
-        let read = self.tables.visit_pages(pages, |key, page| {
-            let from = if next == first { (place.offset % page_bytes) as usize } else { 0 };
-            let to = if next == last { ((end - 1) % page_bytes + 1) as usize } else { PAGE_BYTES };
-            let bytes = page.get(from..to).filter(|_| key == page_key(place.stream, next));
-            payload.extend_from_slice(bytes.unwrap_or_default());
-            next += u64::from(bytes.is_some());
-            bytes.is_some()
-        });
-        read.map_err(|failure| self.at(record.key, failure))?;
-        if next != last + 1 {
-            let damage = Damage::PayloadMissing { stream: place.stream, page: next };
-            return Err(self.damaged(record.key, damage));
+        if length as usize > limit {
+            return Err(self.damaged(record.key, Damage::Tree { what: "its payload's length" }));
+        }
+        if stream != 0 || end.is_none() {
+            return Err(self.damaged(record.key, Damage::PayloadMissing { stream, offset }));
+        }
+        payload.resize(length as usize, 0);
+        self.file.read_exact_at(payload, SUPERBLOCK_BYTES + offset).map_err(|source| {
+            if source.kind() == std::io::ErrorKind::UnexpectedEof {
+                self.damaged(record.key, Damage::PayloadMissing { stream, offset })
+            } else {
+                StoreError::Io { path: self.path.clone(), source }
+            }
+        })?;
+        if length == 0 {
+            return Ok(());
         }
         payload::check(record, payload).map_err(|damage| self.damaged(record.key, damage))
     }

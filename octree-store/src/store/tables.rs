@@ -1,9 +1,9 @@
-//! The redb tables: the one file that names them (FORMAT.md, "Tables").
+//! The redb tables: the one file that names them (FORMAT.md, "Index" and "Work in progress").
 
 use super::guard::{Failure, guard};
 use redb::{
-    Database, Durability, ReadOnlyTable, ReadTransaction, ReadableDatabase, ReadableTable, Table,
-    TableDefinition, WriteTransaction,
+    Database, Durability, ReadOnlyTable, ReadTransaction, ReadableDatabase, TableDefinition,
+    WriteTransaction,
 };
 use std::ops::RangeInclusive;
 
@@ -11,15 +11,16 @@ use std::ops::RangeInclusive;
 const META: TableDefinition<u64, &[u8]> = TableDefinition::new("meta");
 /// Node records of up to eight siblings in octant order, keyed by their parent's [`crate::NodeKey`].
 const NODES: TableDefinition<u64, &[u8]> = TableDefinition::new("nodes");
-/// Pages of the payload streams, keyed by stream and page number.
-const PAYLOAD: TableDefinition<u64, &[u8]> = TableDefinition::new("payload");
+/// Of work in progress: what is known of a parent before its own record is written.
+const PROGRESS: TableDefinition<u64, &[u8]> = TableDefinition::new("progress");
 
 const META_KEY: u64 = 0;
+/// Of work in progress, in the `meta` table: how far it is.
+const STATE_KEY: u64 = 1;
 
 /// The tables of one snapshot of a store; shared freely between threads.
 pub(super) struct ReadTables {
     nodes: ReadOnlyTable<u64, &'static [u8]>,
-    payload: ReadOnlyTable<u64, &'static [u8]>,
     transaction: ReadTransaction,
 }
 
@@ -27,13 +28,25 @@ impl ReadTables {
     pub(super) fn open(database: &impl ReadableDatabase) -> Result<Self, Failure> {
         let transaction = guard(|| database.begin_read())?;
         let nodes = guard(|| transaction.open_table(NODES))?;
-        let payload = guard(|| transaction.open_table(PAYLOAD))?;
-        Ok(Self { nodes, payload, transaction })
+        Ok(Self { nodes, transaction })
     }
 
     pub(super) fn metadata(&self) -> Result<Option<Vec<u8>>, Failure> {
-        let meta = guard(|| self.transaction.open_table(META))?;
-        guard(|| Ok::<_, redb::Error>(meta.get(META_KEY)?.map(|value| value.value().to_vec())))
+        self.value(META, META_KEY)
+    }
+
+    /// How far work in progress is.
+    pub(super) fn state(&self) -> Result<Option<Vec<u8>>, Failure> {
+        self.value(META, STATE_KEY)
+    }
+
+    fn value(
+        &self,
+        table: TableDefinition<u64, &'static [u8]>,
+        key: u64,
+    ) -> Result<Option<Vec<u8>>, Failure> {
+        let table = guard(|| self.transaction.open_table(table))?;
+        guard(|| Ok::<_, redb::Error>(table.get(key)?.map(|value| value.value().to_vec())))
     }
 
     /// The records beneath one parent. They are copied: looking at a damaged page can panic too.
@@ -45,37 +58,46 @@ impl ReadTables {
     pub(super) fn visit_nodes(
         &self,
         parents: RangeInclusive<u64>,
+        visit: impl FnMut(u64, &[u8]) -> bool,
+    ) -> Result<(), Failure> {
+        Self::visit(&self.nodes, parents, visit)
+    }
+
+    /// Calls `visit` with (parent, what is known of it) of work in progress, until it returns false.
+    pub(super) fn visit_progress(
+        &self,
+        visit: impl FnMut(u64, &[u8]) -> bool,
+    ) -> Result<(), Failure> {
+        let table = guard(|| self.transaction.open_table(PROGRESS))?;
+        Self::visit(&table, 0..=u64::MAX, visit)
+    }
+
+    fn visit(
+        table: &ReadOnlyTable<u64, &'static [u8]>,
+        keys: RangeInclusive<u64>,
         mut visit: impl FnMut(u64, &[u8]) -> bool,
     ) -> Result<(), Failure> {
-        let mut groups = guard(|| self.nodes.range(parents))?;
+        let mut values = guard(|| table.range(keys))?;
         loop {
             let next = guard(|| {
-                let Some((parent, records)) = groups.next().transpose()? else { return Ok(None) };
-                Ok::<_, redb::Error>(Some((parent.value(), records.value().to_vec())))
+                let Some((key, value)) = values.next().transpose()? else { return Ok(None) };
+                Ok::<_, redb::Error>(Some((key.value(), value.value().to_vec())))
             })?;
             match next {
-                Some((parent, records)) if visit(parent, &records) => {}
+                Some((key, value)) if visit(key, &value) => {}
                 _ => return Ok(()),
             }
         }
     }
+}
 
-    /// Calls `visit` with every page of a range of keys, in order, until it returns false.
-    pub(super) fn visit_pages(
-        &self,
-        pages: RangeInclusive<u64>,
-        mut visit: impl FnMut(u64, &[u8]) -> bool,
-    ) -> Result<(), Failure> {
-        guard(|| {
-            for page in self.payload.range(pages)? {
-                let (key, bytes) = page?;
-                if !visit(key.value(), bytes.value()) {
-                    break;
-                }
-            }
-            Ok::<_, redb::Error>(())
-        })
-    }
+/// The records of one octet, and what is known of its parent.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    pub(super) parent: u64,
+    pub(super) records: Vec<u8>,
+    /// Empty where nothing is to be kept.
+    pub(super) progress: Vec<u8>,
 }
 
 /// One write transaction; nothing is durable before [`WriteTables::commit`].
@@ -88,36 +110,57 @@ impl WriteTables {
         guard(|| transaction.set_durability(Durability::Immediate))?;
         // Opening after a kill then takes a millisecond instead of a scan of the file.
         transaction.set_quick_repair(true);
-        for table in [META, NODES, PAYLOAD] {
+        for table in [META, NODES] {
             guard(|| transaction.open_table(table).map(drop))?;
         }
         Ok(Self(transaction))
     }
 
-    /// Runs `write` with the nodes and payload tables.
-    pub(super) fn write(
-        &self,
-        write: impl FnOnce(
-            &mut Table<u64, &'static [u8]>,
-            &mut Table<u64, &'static [u8]>,
-        ) -> Result<(), redb::Error>,
-    ) -> Result<(), Failure> {
-        guard(|| write(&mut self.0.open_table(NODES)?, &mut self.0.open_table(PAYLOAD)?))
-    }
-
-    pub(super) fn set_metadata(&self, bytes: &[u8]) -> Result<(), Failure> {
+    /// Writes groups of records.
+    pub(super) fn write_groups(&self, groups: &[Group]) -> Result<(), Failure> {
         guard(|| {
-            self.0.open_table(META)?.insert(META_KEY, bytes)?;
+            let mut nodes = self.0.open_table(NODES)?;
+            for group in groups {
+                nodes.insert(group.parent, group.records.as_slice())?;
+            }
+            let mut kept = groups.iter().filter(|group| !group.progress.is_empty()).peekable();
+            if kept.peek().is_some() {
+                let mut progress = self.0.open_table(PROGRESS)?;
+                for group in kept {
+                    progress.insert(group.parent, group.progress.as_slice())?;
+                }
+            }
             Ok::<_, redb::Error>(())
         })
     }
 
-    /// Calls `visit` with (parent, records) of the whole tree in key order.
-    pub(super) fn visit_nodes(&self, mut visit: impl FnMut(&[u8])) -> Result<(), Failure> {
+    /// Copies groups of records from elsewhere; `next` gives them in key order.
+    pub(super) fn copy_nodes(
+        &self,
+        source: &ReadTables,
+        mut seen: impl FnMut(&[u8]),
+    ) -> Result<(), Failure> {
+        let mut nodes = guard(|| self.0.open_table(NODES))?;
+        let mut outcome = Ok(());
+        source.visit_nodes(0..=u64::MAX, |parent, records| {
+            seen(records);
+            outcome = guard(|| nodes.insert(parent, records).map(drop));
+            outcome.is_ok()
+        })?;
+        outcome
+    }
+
+    pub(super) fn set_metadata(&self, bytes: &[u8]) -> Result<(), Failure> {
+        self.set(META_KEY, bytes)
+    }
+
+    pub(super) fn set_state(&self, bytes: &[u8]) -> Result<(), Failure> {
+        self.set(STATE_KEY, bytes)
+    }
+
+    fn set(&self, key: u64, bytes: &[u8]) -> Result<(), Failure> {
         guard(|| {
-            for group in self.0.open_table(NODES)?.iter()? {
-                visit(group?.1.value());
-            }
+            self.0.open_table(META)?.insert(key, bytes)?;
             Ok::<_, redb::Error>(())
         })
     }

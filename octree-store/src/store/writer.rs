@@ -1,162 +1,264 @@
-//! Writing a store: payloads to the stream, records to their groups, and the metadata last.
+//! Writing a store: payloads to the file, records to a work index beside it, and both put together
+//! at the end.
 
+use super::committer::{Commit, Committer};
 use super::guard::{Failure, guard};
-use super::tables::WriteTables;
-use super::{PAGE_BYTES, page_key};
+use super::index_backend::IndexBackend;
+use super::superblock::{SUPERBLOCK_BYTES, Superblock};
+use super::tables::{Group, ReadTables, WriteTables};
 use crate::digest::Digest;
 use crate::error::StoreError;
+use crate::key::NodeKey;
 use crate::metadata::Metadata;
 use crate::record::{NodeRecord, PayloadPlace};
 use crate::summary::Summary;
 use redb::{Builder, Database};
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-/// Payload bytes after which the writer commits: what a kill can lose.
-const COMMIT_BYTES: usize = 64 << 20;
-/// redb's page cache while writing: more buys nothing, and the default is 1 GiB.
-pub(crate) const WRITER_CACHE_BYTES: usize = 64 << 20;
+/// redb's page cache while writing; records are small, and come nearly in order.
+const WRITER_CACHE_BYTES: usize = 8 << 20;
 
 /// Writes one store from beginning to end.
 ///
 /// Bricks come as groups of siblings ([`StoreWriter::append`]), best in the order in which they
 /// will be read. Until [`StoreWriter::finish`] returns, the file is an incomplete store that
-/// [`crate::Store::open`] refuses.
+/// [`crate::Store::open`] refuses. Its records are in a redb file of their own until then; what was
+/// committed ([`StoreWriter::commit`]) survives a power cut, and [`StoreWriter::resume`] goes on
+/// from there.
+#[derive(Debug)]
 pub struct StoreWriter {
     path: PathBuf,
-    database: Database,
-    /// The open transaction; none between a commit and the next write.
-    transaction: Option<WriteTables>,
-    stream: u16,
-    /// The stream's last page, not full yet.
-    page: Vec<u8>,
-    page_number: u64,
-    uncommitted_bytes: usize,
+    file: Arc<File>,
+    /// Bytes of the payload stream so far.
+    payload_bytes: u64,
+    work_path: PathBuf,
+    committer: Committer,
+    /// Records that no commit has taken yet.
+    groups: Vec<Group>,
+    uncommitted_bytes: u64,
 }
 
-impl std::fmt::Debug for StoreWriter {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("StoreWriter").field("path", &self.path).finish_non_exhaustive()
-    }
+/// What a store in the making holds already.
+#[derive(Debug)]
+pub struct Committed {
+    /// The caller's own state at the last commit.
+    pub state: Vec<u8>,
+    /// What the caller wanted to be kept of each parent, in key order.
+    pub progress: Vec<(NodeKey, Vec<u8>)>,
 }
 
 impl StoreWriter {
-    /// Bytes of memory that a writer takes for a store of at most `store_bytes`: redb's cache, which
-    /// a small store does not fill, and its own bookkeeping.
-    pub fn memory_bytes(store_bytes: u64) -> u64 {
-        store_bytes.min(WRITER_CACHE_BYTES as u64) + (8 << 20)
+    /// Bytes of memory that a writer takes for a store of so many bricks: redb's cache, which a small
+    /// store does not fill, and the records that wait for a commit.
+    pub fn memory_bytes(bricks: u64) -> u64 {
+        (2 * bricks * NodeRecord::BYTES as u64).min(WRITER_CACHE_BYTES as u64 + (4 << 20))
+            + (1 << 20)
     }
 
-    /// Creates an empty store in a new file.
+    /// Creates an empty store in a new file, with a work index in another. `synced` are files that
+    /// every commit makes durable too.
     ///
     /// # Errors
-    /// When the file exists or cannot be created.
-    pub fn create(path: &Path) -> Result<Self, StoreError> {
-        let file = std::fs::OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .open(path)
-            .map_err(|source| StoreError::Io { path: path.to_owned(), source })?;
-        let database = guard(|| {
-            let backend = redb::backends::FileBackend::new(file)?;
-            Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(backend)
-        })
-        .map_err(|failure| {
-            // The empty file is of no use to anyone; the error below says what is wrong.
-            let _ = std::fs::remove_file(path);
-            failure.at(path)
-        })?;
+    /// When a file exists or cannot be created.
+    pub fn create(path: &Path, work_path: &Path, synced: Vec<File>) -> Result<Self, StoreError> {
+        let file = new_file(path).map_err(|source| io_at(path, source))?;
+        let begin = || {
+            lock(&file, path)?;
+            Superblock::unfinished().write(&file).map_err(|source| io_at(path, source))?;
+            let work = new_file(work_path).map_err(|source| io_at(work_path, source))?;
+            create_database(work, work_path)
+        };
+        match begin() {
+            Ok(database) => Self::new(path, work_path, file, database, synced, 0),
+            Err(error) => {
+                // A file without content is of no use to anyone; the error says what is wrong.
+                let _ = std::fs::remove_file(path);
+                Err(error)
+            }
+        }
+    }
+
+    /// Goes on with a store in the making; `None` where nothing of it was committed. What was
+    /// appended after the last commit is cut off.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written, is in use, or is no store in the making.
+    pub fn resume(
+        path: &Path,
+        work_path: &Path,
+        synced: Vec<File>,
+    ) -> Result<Option<(Self, Committed)>, StoreError> {
+        let open = |path: &Path| OpenOptions::new().read(true).write(true).open(path);
+        let file = open(path).map_err(|source| io_at(path, source))?;
+        lock(&file, path)?;
+        let work = open(work_path).map_err(|source| io_at(work_path, source))?;
+        if work.metadata().map_err(|source| io_at(work_path, source))?.len() == 0 {
+            return Ok(None);
+        }
+        let database = create_database(work, work_path)?;
+        let at_work = |failure: Failure| failure.at(work_path);
+        // A file that was never committed to has no tables.
+        let Ok(tables) = ReadTables::open(&database) else { return Ok(None) };
+        let Some(state) = tables.state().map_err(at_work)? else { return Ok(None) };
+        let mut progress = Vec::new();
+        tables
+            .visit_progress(|parent, bytes| {
+                progress.extend(NodeKey::from_u64(parent).map(|key| (key, bytes.to_vec())));
+                true
+            })
+            .map_err(at_work)?;
+        drop(tables);
+        let Some((payload_bytes, state)) = split_state(&state) else {
+            let what = "its state is cut short".into();
+            return Err(StoreError::MetadataDamaged { path: work_path.to_owned(), what });
+        };
+        let length = file.metadata().map_err(|source| io_at(path, source))?.len();
+        if length < SUPERBLOCK_BYTES + payload_bytes {
+            let what = format!(
+                "it has {length} bytes, and {} were committed",
+                SUPERBLOCK_BYTES + payload_bytes
+            );
+            return Err(StoreError::MetadataDamaged { path: path.to_owned(), what });
+        }
+        file.set_len(SUPERBLOCK_BYTES + payload_bytes).map_err(|source| io_at(path, source))?;
+        Superblock::unfinished().write(&file).map_err(|source| io_at(path, source))?;
+        let writer = Self::new(path, work_path, file, database, synced, payload_bytes)?;
+        Ok(Some((writer, Committed { state: state.to_vec(), progress })))
+    }
+
+    fn new(
+        path: &Path,
+        work_path: &Path,
+        file: File,
+        database: Database,
+        synced: Vec<File>,
+        payload_bytes: u64,
+    ) -> Result<Self, StoreError> {
+        let file = Arc::new(file);
+        let mut files: Vec<_> = synced.into_iter().map(Arc::new).collect();
+        files.push(Arc::clone(&file));
         Ok(Self {
             path: path.to_owned(),
-            database,
-            transaction: None,
-            stream: 0,
-            page: Vec::with_capacity(PAGE_BYTES),
-            page_number: 0,
+            work_path: work_path.to_owned(),
+            committer: Committer::start(database, files, work_path)?,
+            file,
+            payload_bytes,
+            groups: Vec::new(),
             uncommitted_bytes: 0,
         })
     }
 
-    /// Appends bricks that share a parent: every child the parent has, in octant order. Writes
-    /// each payload's place into its record.
+    /// Bytes of payload that were appended since the last commit.
+    pub fn uncommitted_bytes(&self) -> u64 {
+        self.uncommitted_bytes
+    }
+
+    /// Appends bricks that share a parent: every child the parent has, in octant order. `payloads`
+    /// holds their payloads one after the other, as long as the records say; each one's place is
+    /// written into its record. `progress` is what is to be kept of the parent for one who resumes;
+    /// it may be empty.
     ///
     /// # Errors
     /// When the file cannot be written.
     ///
     /// # Panics
-    /// When the bricks do not share a parent or are out of order.
-    pub fn append(&mut self, siblings: &mut [(NodeRecord, Vec<u8>)]) -> Result<(), StoreError> {
-        let Some(parent) = siblings.first().map(|(record, _)| record.key.parent()) else {
+    /// When the bricks do not share a parent or are out of order, or the payloads have another length.
+    pub fn append(
+        &mut self,
+        siblings: &mut [NodeRecord],
+        payloads: &[u8],
+        progress: Vec<u8>,
+    ) -> Result<(), StoreError> {
+        let Some(parent) = siblings.first().map(|record| record.key.parent()) else {
             return Ok(());
         };
         assert!(
-            siblings.iter().all(|(record, _)| record.key.parent() == parent)
-                && siblings.is_sorted_by_key(|(record, _)| record.key),
+            siblings.iter().all(|record| record.key.parent() == parent)
+                && siblings.is_sorted_by_key(|record| record.key),
             "siblings share a parent and come in order"
         );
-        let (stream, page, page_number) = (self.stream, &mut self.page, &mut self.page_number);
-        let begun = begun(&mut self.transaction, &self.database);
-        let write = begun.and_then(|transaction| {
-            transaction.write(|nodes, payloads| {
-                let mut group = Vec::with_capacity(siblings.len() * NodeRecord::BYTES);
-                for (record, payload) in &mut *siblings {
-                    record.place = PayloadPlace::default();
-                    if !payload.is_empty() {
-                        let offset = *page_number * PAGE_BYTES as u64 + page.len() as u64;
-                        record.place =
-                            PayloadPlace { stream, offset, length: payload.len() as u32 };
-                    }
-                    let mut rest = payload.as_slice();
-                    while !rest.is_empty() {
-                        let (now, later) = rest.split_at(rest.len().min(PAGE_BYTES - page.len()));
-                        page.extend_from_slice(now);
-                        rest = later;
-                        if page.len() == PAGE_BYTES {
-                            payloads.insert(page_key(stream, *page_number), page.as_slice())?;
-                            page.clear();
-                            *page_number += 1;
-                        }
-                    }
-                    group.extend_from_slice(&record.to_bytes());
-                }
-                nodes.insert(parent.to_u64(), group.as_slice())?;
-                Ok(())
-            })
-        });
-        write.map_err(|failure| failure.at(&self.path))?;
-        self.uncommitted_bytes += siblings.iter().map(|(_, payload)| payload.len()).sum::<usize>();
-        if self.uncommitted_bytes >= COMMIT_BYTES { self.commit() } else { Ok(()) }
-    }
-
-    /// Makes everything appended so far durable.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn commit(&mut self) -> Result<(), StoreError> {
-        self.flush_page()?;
-        if let Some(transaction) = self.transaction.take() {
-            transaction.commit().map_err(|failure| failure.at(&self.path))?;
+        let mut offset = self.payload_bytes;
+        let mut records = Vec::with_capacity(siblings.len() * NodeRecord::BYTES);
+        for record in siblings {
+            let length = record.place.length;
+            record.place = match length {
+                0 => PayloadPlace::default(),
+                _ => PayloadPlace { stream: 0, offset, length },
+            };
+            offset += u64::from(length);
+            records.extend_from_slice(&record.to_bytes());
         }
-        self.uncommitted_bytes = 0;
+        assert_eq!(offset - self.payload_bytes, payloads.len() as u64, "the records' lengths");
+        self.file
+            .write_all_at(payloads, SUPERBLOCK_BYTES + self.payload_bytes)
+            .map_err(|source| io_at(&self.path, source))?;
+        self.payload_bytes = offset;
+        self.uncommitted_bytes += payloads.len() as u64;
+        self.groups.push(Group { parent: parent.to_u64(), records, progress });
         Ok(())
     }
 
-    /// Sums up the records, writes the metadata, marks the store complete, and closes the file
-    /// compacted. Returns the metadata as written: with levels, errors and digest.
+    /// Begins to make everything appended so far durable, with the caller's own `state`, which
+    /// [`StoreWriter::resume`] gives back. `mark` is what [`StoreWriter::durable_mark`] answers then.
+    ///
+    /// # Errors
+    /// When this commit or an earlier one cannot be written.
+    pub fn commit(&mut self, state: &[u8], mark: u64) -> Result<(), StoreError> {
+        let groups = std::mem::take(&mut self.groups);
+        let state = [&self.payload_bytes.to_le_bytes(), state].concat();
+        self.uncommitted_bytes = 0;
+        self.committer.send(Commit { groups, state, mark })
+    }
+
+    /// The mark of the last commit that is durable; 0 before the first.
+    ///
+    /// # Errors
+    /// When a commit could not be written.
+    pub fn durable_mark(&mut self) -> Result<u64, StoreError> {
+        self.committer.mark()
+    }
+
+    /// Waits until every commit that was begun is durable.
+    ///
+    /// # Errors
+    /// When one of them cannot be written.
+    pub fn wait(&mut self) -> Result<(), StoreError> {
+        self.committer.wait()
+    }
+
+    /// Sums up the records, writes the index behind the payloads, and marks the store complete.
+    /// Returns the metadata as written: with levels, errors and digest. The work index stays: it is
+    /// of no use once the store has its final name.
     ///
     /// # Errors
     /// When the file cannot be written, or the metadata describes no volume.
     pub fn finish(mut self, mut metadata: Metadata) -> Result<Metadata, StoreError> {
-        self.commit()?;
+        let groups = std::mem::take(&mut self.groups);
+        if !groups.is_empty() {
+            self.committer.send(Commit { groups, state: Vec::new(), mark: 0 })?;
+        }
+        let Self { path, work_path, file, payload_bytes, committer, .. } = self;
+        let work = committer.finish()?;
         let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
-            path: self.path.clone(),
+            path: path.clone(),
             what: error.to_string(),
         })?;
+        let index_offset = Superblock::index_offset_after(payload_bytes);
+        file.set_len(index_offset).map_err(|source| io_at(&path, source))?;
+        let index = IndexBackend::writing(Arc::clone(&file), index_offset);
+        let mut index =
+            guard(|| Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(index))
+                .map_err(|failure| failure.at(&path))?;
         let mut summary = Summary::new(&geometry);
         let mut digest = Digest::default();
-        let mut bytes = Vec::new();
-        let write = begun(&mut self.transaction, &self.database).and_then(|transaction| {
-            transaction.visit_nodes(|group| {
+        let records = ReadTables::open(&work).map_err(|failure| failure.at(&work_path))?;
+        let transaction = WriteTables::begin(&index).map_err(|failure| failure.at(&path))?;
+        let write = || {
+            transaction.copy_nodes(&records, |group| {
                 for record in group.chunks(NodeRecord::BYTES).filter_map(NodeRecord::from_bytes) {
                     summary.add(&record);
                     digest.add(&record);
@@ -165,48 +267,61 @@ impl StoreWriter {
             summary.write_into(&mut metadata);
             metadata.complete = true;
             metadata.digest = digest.finish(&metadata);
-            bytes = metadata.to_bytes();
-            transaction.set_metadata(&bytes)
-        });
-        write.map_err(|failure| failure.at(&self.path))?;
+            let bytes = metadata.to_bytes();
+            transaction.set_metadata(&bytes)?;
+            transaction.commit()?;
+            guard(|| {
+                index.compact()?;
+                Ok::<_, redb::Error>(index.close()?)
+            })?;
+            Ok::<_, Failure>(bytes)
+        };
+        let bytes = write().map_err(|failure| failure.at(&path))?;
         // A store that cannot be read again must not become complete.
         if let Err(error) = Metadata::from_bytes(&bytes) {
-            let what = error.to_string();
-            return Err(StoreError::MetadataDamaged { path: self.path, what });
+            return Err(StoreError::MetadataDamaged { path, what: error.to_string() });
         }
-        self.commit()?;
-        let Self { path, mut database, .. } = self;
-        guard(|| {
-            database.compact()?;
-            Ok::<_, redb::Error>(database.close()?)
-        })
-        .map_err(|failure| failure.at(&path))?;
+        // Everything that the first page speaks of is durable before it does.
+        let complete = || {
+            file.sync_all()?;
+            let index_bytes = file.metadata()?.len() - index_offset;
+            let version = Superblock::unfinished().version;
+            Superblock { version, payload_bytes, index_offset, index_bytes }.write(&file)?;
+            file.sync_all()
+        };
+        complete().map_err(|source| io_at(&path, source))?;
         Ok(metadata)
-    }
-
-    /// Writes the page that is not full yet: no record may be committed before its payload.
-    fn flush_page(&mut self) -> Result<(), StoreError> {
-        if self.page.is_empty() {
-            return Ok(());
-        }
-        let key = page_key(self.stream, self.page_number);
-        let page = self.page.as_slice();
-        begun(&mut self.transaction, &self.database)
-            .and_then(|transaction| {
-                transaction
-                    .write(|_, payloads| payloads.insert(key, page).map(drop).map_err(Into::into))
-            })
-            .map_err(|failure| failure.at(&self.path))
     }
 }
 
-/// The open transaction, begun where there is none.
-fn begun<'a>(
-    transaction: &'a mut Option<WriteTables>,
-    database: &Database,
-) -> Result<&'a WriteTables, Failure> {
-    if transaction.is_none() {
-        *transaction = Some(WriteTables::begin(database)?);
+fn io_at(path: &Path, source: io::Error) -> StoreError {
+    StoreError::Io { path: path.to_owned(), source }
+}
+
+fn new_file(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).create_new(true).open(path)
+}
+
+/// Locks a file that is being written; the lock goes with the file.
+fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_owned() }),
+        Err(std::fs::TryLockError::Error(source)) => Err(io_at(path, source)),
     }
-    Ok(transaction.as_ref().expect("it was begun above"))
+}
+
+/// Opens redb's file, in order after a kill, or a new one.
+fn create_database(file: File, path: &Path) -> Result<Database, StoreError> {
+    guard(|| {
+        let backend = redb::backends::FileBackend::new(file)?;
+        Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(backend)
+    })
+    .map_err(|failure| failure.at(path))
+}
+
+/// The payload's length and the caller's state.
+fn split_state(state: &[u8]) -> Option<(u64, &[u8])> {
+    let (length, state) = state.split_first_chunk::<8>()?;
+    Some((u64::from_le_bytes(*length), state))
 }

@@ -48,7 +48,6 @@ impl ValueRules {
 #[derive(Debug)]
 pub(super) struct BrickOutput {
     pub(super) record: NodeRecord,
-    pub(super) payload: Vec<u8>,
     /// The source's values, at level 0.
     pub(super) values: Option<BrickValues>,
 }
@@ -63,6 +62,7 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
         core: &Core,
         samples: &mut [T],
         scratch: &mut EncodeScratch,
+        payloads: &mut Vec<u8>,
     ) -> Result<BrickOutput, PreprocessError> {
         let mut range = finite_range(samples);
         let values = (key.level() == 0).then(|| BrickValues::of(samples, core, range));
@@ -77,12 +77,14 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
             record.bits = 0;
             record.filter = Filter::None;
             record.payload_checksum = 0;
+            record.place.length = 0;
             record.error = ErrorSum::default();
             let empty = [T::from_f64(self.rules.empty_value); 128];
             for row in core.rows() {
                 record.error.add_all(&samples[row], &empty);
             }
         }
-        Ok(BrickOutput { record, payload, values })
+        payloads.extend_from_slice(&payload);
+        Ok(BrickOutput { record, values })
     }
 }

@@ -1,14 +1,19 @@
 //! Conversion: a source becomes a store.
 //!
 //! Plan, then walk ([`crate::walk`]): read -> gather -> quantise and measure -> compress on the
-//! pool's threads, and one writer thread that completes the records and owns the store.
+//! pool's threads, and one writer thread that completes the records and owns the store. Every
+//! [`plan::COMMIT_SOURCE_BYTES`] of the source what was written is made durable, and with it how far
+//! the work is ([`resume`]).
 
 mod brick;
 mod output;
 mod plan;
+mod resume;
 mod tree;
+mod write;
 
 pub(crate) use brick::ValueRules;
+pub use output::Start;
 pub(crate) use plan::folder_of;
 pub use plan::{ConversionPlan, PlannedLevel};
 
@@ -17,16 +22,18 @@ use crate::memory::PeakMemory;
 use crate::progress::Progress;
 use crate::source::Source;
 use crate::value_stats::VolumeValues;
-use crate::walk::{Octet, walk};
-use brick::{BrickEncoder, BrickOutput};
+use crate::walk::Earlier;
+use brick::BrickEncoder;
 use octree_store::{Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type};
 use output::Output;
+use resume::{Kept, State};
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::Arc;
 use std::thread;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
-use tree::Tree;
+use write::{Work, make_bricks};
 
 /// How to convert.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,8 +60,8 @@ pub struct ConvertOptions {
     pub memory_bytes: u64,
     /// The folder of scratch files; beside the output where none is given.
     pub scratch: Option<PathBuf>,
-    /// Whether an existing output is replaced.
-    pub force: bool,
+    /// What is done with an existing output, or with unfinished work.
+    pub start: Start,
 }
 
 impl Default for ConvertOptions {
@@ -71,7 +78,7 @@ impl Default for ConvertOptions {
             threads: thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: 512 << 20,
             scratch: None,
-            force: false,
+            start: Start::Fresh,
         }
     }
 }
@@ -100,6 +107,23 @@ impl ConvertOptions {
         }
         let empty_value = self.empty_below.map_or(0.0, |below| empty_value(below, sample_type));
         Ok(ValueRules { nan_value: self.nan_value, empty_below: self.empty_below, empty_value })
+    }
+
+    /// Everything that shapes the store's content, for one who resumes.
+    fn content(&self, source: &Source, plan: &ConversionPlan) -> String {
+        let content = serde_json::json!({
+            "dims_xyz": source.dims_xyz,
+            "spacing_xyz": source.spacing_xyz.map(f64::to_bits),
+            "unit": source.unit,
+            "affine": source.affine.map(|rows| rows.map(|row| row.map(f64::to_bits))),
+            "sample_type": source.sample_type(),
+            "encoding": self.encoding,
+            "brick": [self.brick_core, self.brick_overlap],
+            "empty_below": self.empty_below.map(f64::to_bits),
+            "options": self.recorded(),
+            "slots_bytes": plan.slots_bytes,
+        });
+        content.to_string()
     }
 
     /// The options that change a store's content, for its metadata.
@@ -154,19 +178,22 @@ pub struct Conversion {
     pub total_secs: f64,
     /// Of these, seconds until the last brick was made.
     pub bricks_secs: f64,
-    /// Of these, seconds for compacting and closing the file, and making it durable.
+    /// Of these, seconds for writing the index and making the file durable.
     pub finish_secs: f64,
     /// Seconds during which the writer was busy.
     pub writer_busy_secs: f64,
     /// Own memory at its peak (see [`crate::memory`]), if the system tells it.
     pub peak_memory_bytes: Option<u64>,
+    /// Bricks that an earlier run had made.
+    pub resumed_bricks: u64,
 }
 
 /// Converts a source into a store at `output`.
 ///
 /// # Errors
 /// When the output exists or cannot be written, the source cannot be read, an option does not fit,
-/// or `progress` asks to stop. Nothing is left under the output's name, nor beside it.
+/// or `progress` asks to stop. Nothing is left under the output's name. What was made durable stays
+/// beside it for [`Start::Resume`] where the work was stopped or the system failed; else nothing does.
 pub fn convert(
     source: &Source,
     output: &Path,
@@ -177,14 +204,25 @@ pub fn convert(
     let memory = PeakMemory::watch()?;
     let rules = options.value_rules(source.sample_type())?;
     let plan = ConversionPlan::new(source, output, options)?;
-    let input = Path::new(&source.description.path);
-    let mut place = Output::prepare(output, input, options.force)?;
+    let folder = options.scratch.as_deref();
+    let mut place = Output::prepare(output, &source.files, folder, options.start)?;
+    let begun = Begun::open(source, &plan, options, &mut place)?;
+    let Begun { mut writer, state, kept, scratch } = begun;
+    let resumed_bricks = state.bricks;
+    progress.bricks_done(resumed_bricks);
     let encoder = BrickEncoder { encoding: options.encoding, rules: &rules };
-    let mut writer = StoreWriter::create(place.partial())?;
-    place.made();
-    let (values, writer_busy_secs) = with_sample_type!(source.sample_type(), T => {
-        make_bricks::<T>(source, &plan, &encoder, &mut writer, progress)?
+    let work = Work { source, plan: &plan, state, pending: kept.pending(&plan.geometry) };
+    let earlier = Earlier { octets: work.state.octets, scratch: Some(Arc::new(scratch)) };
+    let made = with_sample_type!(source.sample_type(), T => {
+        make_bricks::<T>(work, &encoder, &mut writer, earlier, progress)
     });
+    let (values, writer_busy_secs) = match made {
+        Ok(made) => made,
+        Err(error) => {
+            let durable = writer.durable_mark().unwrap_or(0) > 0 || resumed_bricks > 0;
+            return Err(kept_or_not(error, durable, &mut place));
+        }
+    };
     let bricks_secs = started.elapsed().as_secs_f64();
     let mut metadata = Metadata::new(&plan.geometry, source.sample_type(), options.encoding);
     metadata.spacing_xyz = source.spacing_xyz;
@@ -192,17 +230,16 @@ pub fn convert(
     metadata.affine = source.affine;
     metadata.empty_below = rules.empty_below;
     metadata.empty_value = rules.empty_value;
-    metadata.value_min = values.min_max.map(|(min, _)| min);
-    metadata.value_max = values.min_max.map(|(_, max)| max);
-    metadata.value_mean = values.mean();
-    metadata.nan_count = values.nan;
-    metadata.inf_count = values.infinite;
+    describe_values(&mut metadata, &values);
     metadata.source = source.description.clone();
     metadata.created_by = concat!("octavo ", env!("CARGO_PKG_VERSION")).into();
     metadata.created_unix_secs =
         SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     metadata.options = options.recorded();
-    let metadata = writer.finish(metadata)?;
+    let metadata = match writer.finish(metadata) {
+        Ok(metadata) => metadata,
+        Err(error) => return Err(kept_or_not(error.into(), true, &mut place)),
+    };
     place.finish()?;
     let file_bytes = std::fs::metadata(output)
         .map_err(|source| PreprocessError::Output { path: output.to_owned(), source })?
@@ -217,68 +254,78 @@ pub fn convert(
         finish_secs: total_secs - bricks_secs,
         writer_busy_secs,
         peak_memory_bytes: memory.peak_bytes(),
+        resumed_bricks,
     })
 }
 
-/// Walks the source and writes every brick; returns the source's values, and how many seconds the
-/// writer was busy.
-fn make_bricks<T: Sample>(
-    source: &Source,
-    plan: &ConversionPlan,
-    encoder: &BrickEncoder<'_>,
-    writer: &mut StoreWriter,
-    progress: &dyn Progress,
-) -> Result<(VolumeValues, f64), PreprocessError> {
-    let pool = crate::pool(plan.threads)?;
-    let tree = Tree::new(plan.geometry, encoder.rules.empty_value);
-    // The store is written by this thread, which also finishes it: redb's cache is then taken and
-    // given back in one arena of the allocator, and not held twice.
-    thread::scope(|scope| {
-        let (sender, receiver) = sync_channel::<Vec<Octet<BrickOutput>>>(1);
-        let walking = thread::Builder::new()
-            .name("walk".into())
-            .spawn_scoped(scope, move || {
-                let mut values = VolumeValues::default();
-                let mut sink = |octets: Vec<Octet<BrickOutput>>| {
-                    if progress.should_stop() {
-                        return Err(PreprocessError::Cancelled);
-                    }
-                    for visited in octets.iter().flatten() {
-                        if let Some(brick) = &visited.output.values {
-                            values.add(brick);
-                        }
-                    }
-                    // A writer that has stopped says why itself.
-                    sender.send(octets).map_err(|_| PreprocessError::Cancelled)
-                };
-                walk::<T, _>(source, &plan.geometry, &pool, &plan.walk, encoder, &mut sink)?;
-                Ok::<_, PreprocessError>(values)
-            })
-            .map_err(PreprocessError::Thread)?;
-        let written = write_octets(writer, tree, receiver, progress);
-        let walked = walking.join().map_err(|_| PreprocessError::Panic { thread: "walk" })?;
-        let busy_secs = written?;
-        Ok((walked?, busy_secs))
-    })
+fn describe_values(metadata: &mut Metadata, values: &VolumeValues) {
+    metadata.value_min = values.min_max.map(|(min, _)| min);
+    metadata.value_max = values.min_max.map(|(_, max)| max);
+    metadata.value_mean = values.mean();
+    metadata.nan_count = values.nan;
+    metadata.inf_count = values.infinite;
 }
 
-/// Completes and writes octets until no more come; returns the seconds it was busy.
-fn write_octets(
-    writer: &mut StoreWriter,
-    mut tree: Tree,
-    octets: Receiver<Vec<Octet<BrickOutput>>>,
-    progress: &dyn Progress,
-) -> Result<f64, PreprocessError> {
-    let mut busy_secs = 0.0;
-    for batch in octets {
-        let started = Instant::now();
-        let mut bricks = 0;
-        for octet in batch {
-            bricks += octet.len() as u64;
-            writer.append(&mut tree.complete(octet))?;
-        }
-        busy_secs += started.elapsed().as_secs_f64();
-        progress.bricks_done(bricks);
+/// Keeps what is durable where it is of use to one who resumes: the error says so then.
+fn kept_or_not(error: PreprocessError, durable: bool, place: &mut Output) -> PreprocessError {
+    if !durable || !error.is_environment() {
+        return error;
     }
-    Ok(busy_secs)
+    place.keep();
+    PreprocessError::Kept { path: place.partial.clone(), source: Box::new(error) }
+}
+
+/// A conversion that can go on: from its beginning, or from where an earlier one was ended.
+struct Begun {
+    writer: StoreWriter,
+    state: State,
+    kept: Kept,
+    scratch: File,
+}
+
+impl Begun {
+    fn open(
+        source: &Source,
+        plan: &ConversionPlan,
+        options: &ConvertOptions,
+        place: &mut Output,
+    ) -> Result<Self, PreprocessError> {
+        let state = State::new(source, plan, options).map_err(|error| {
+            let path = source.description.path.clone().into();
+            PreprocessError::Source(crate::SourceError::Io { path, source: error })
+        })?;
+        if place.resumes {
+            if let Some(resumed) = Self::resume(&state, source, plan, place)? {
+                return Ok(resumed);
+            }
+            place.remove_work()?;
+        }
+        place.made();
+        let scratch = place.open_scratch(plan.slots_bytes)?;
+        let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
+        let writer = StoreWriter::create(&place.partial, &place.index, vec![synced])?;
+        Ok(Self { writer, state, kept: Kept::default(), scratch })
+    }
+
+    /// What an earlier run has left; `None` where none of it was durable.
+    fn resume(
+        state: &State,
+        source: &Source,
+        plan: &ConversionPlan,
+        place: &Output,
+    ) -> Result<Option<Self>, PreprocessError> {
+        let scratch = place.open_scratch(plan.slots_bytes)?;
+        let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
+        let resumed = StoreWriter::resume(&place.partial, &place.index, vec![synced])?;
+        let Some((writer, committed)) = resumed else { return Ok(None) };
+        let state = state.found(&committed.state, &place.index)?;
+        let kept = Kept::read(&committed.progress).ok_or_else(|| {
+            let what = "what it kept of the levels is cut short";
+            PreprocessError::CannotResume { path: place.index.clone(), what }
+        })?;
+        with_sample_type!(source.sample_type(), T => {
+            kept.check_slots::<T>(plan, &scratch, &place.scratch)?;
+        });
+        Ok(Some(Self { writer, state, kept, scratch }))
+    }
 }

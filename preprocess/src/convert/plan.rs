@@ -5,20 +5,27 @@
 use super::ConvertOptions;
 use crate::error::PreprocessError;
 use crate::source::Source;
-use crate::walk::{STREAM_CHUNK, WalkOptions, level_window_chunks, stream_window_chunks};
-use crate::window::{Window, WindowPlace};
+use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
+use crate::window::{Slots, Window, WindowPlace};
 use octree_store::{Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Memory of the program itself: stacks, buffers of the allocator, redb without its cache.
-const BASE_BYTES: u64 = 8 << 20;
-/// Batches of octets alive at once: one in the making, one waiting, one being written.
-const BATCHES: u64 = 3;
+/// Memory of the program itself: its data, buffers of the allocator, redb without its cache.
+const BASE_BYTES: u64 = 3 << 20;
+/// What each thread takes beside its buffers: its stack, and its arena of the allocator.
+const THREAD_BYTES: u64 = 192 << 10;
+/// Batches of octets alive at once: in the making, being handed on, waiting, being written.
+const BATCHES: u64 = 4;
 /// Octets a thread gets of one batch, where memory allows.
 const OCTETS_PER_THREAD: u64 = 16;
-/// Chunks that a stream is decoded ahead, where memory allows: one row of octets.
-const CHUNKS_AHEAD: u64 = 16;
+/// Slices that a decoded source is ahead of the walk, where memory allows: a row of octets.
+const SLICES_AHEAD: u64 = 64;
+/// Slices in a chunk of a stream.
+const STREAM_CHUNK: u64 = 4;
+/// Bytes of the source after which work is committed: what is done anew after a kill is this and
+/// what two commits on their way hold.
+pub(super) const COMMIT_SOURCE_BYTES: u64 = 64 << 20;
 
 /// A level as it will be made.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -64,6 +71,9 @@ pub struct ConversionPlan {
     pub scratch_bytes: u64,
     /// The store is at most this large: nothing compresses, nothing is uniform.
     pub output_bytes_max: u64,
+    /// Of the scratch, what the windows' slots take.
+    #[serde(skip)]
+    pub(crate) slots_bytes: u64,
     #[serde(skip)]
     pub(crate) walk: WalkOptions,
     #[serde(skip)]
@@ -84,11 +94,12 @@ impl ConversionPlan {
         let sample_type = source.sample_type();
         let sample_bytes = sample_type.bytes() as u64;
         let folder = options.scratch.clone().unwrap_or_else(|| folder_of(output));
+        let (window_places, slots_bytes) = windows(&geometry, sample_type);
         // As many threads as memory allows.
         let mut threads = options.threads.max(1);
-        let (walk, predicted, scratch) = loop {
+        let (walk, predicted, stream_bytes) = loop {
             let divided =
-                divide_memory(source, &geometry, sample_bytes, threads as u64, &folder, options);
+                divide_memory(source, &geometry, threads as u64, &folder, &window_places, options);
             match divided {
                 Err(PreprocessError::MemoryTooSmall { .. }) if threads > 1 => threads -= 1,
                 divided => break divided?,
@@ -115,9 +126,10 @@ impl ConversionPlan {
             threads,
             memory_budget_bytes: options.memory_bytes,
             predicted_memory_bytes: predicted,
-            scratch_bytes: scratch,
-            // Pages and tree nodes cost 1 in 50 at most; an empty redb file has about 1.5 MB.
-            output_bytes_max: (payload + 2 * records) / 50 * 51 + (2 << 20),
+            scratch_bytes: slots_bytes + stream_bytes,
+            slots_bytes,
+            // redb's leaves are half full at worst; an empty redb file has about 1.5 MB.
+            output_bytes_max: payload + 2 * records + (2 << 20),
             walk,
             geometry,
         })
@@ -141,78 +153,94 @@ fn coded_bytes(geometry: &Geometry, encoding: Encoding, sample_bytes: u64) -> u6
     geometry.brick_samples() as u64 * bytes
 }
 
-/// Divides the budget: what must be in memory, then the windows from the top level down, then
-/// larger batches. Returns the division, the memory it takes, and the scratch it takes.
+/// The windows of the levels above 0, in slots of one scratch file, and the file's size.
+///
+/// A window needs four slots at most. One more, and so many more as three commits fill, let work go
+/// on while what a slot held is not yet needed by a commit alone. It depends on nothing but the volume:
+/// work that was begun with one budget can be gone on with under another.
+fn windows(geometry: &Geometry, sample_type: SampleType) -> (Vec<WindowPlace>, u64) {
+    let [width, height, _] = geometry.dims_xyz();
+    let mut offset = 0;
+    let places = geometry.levels().skip(1).map(|level| {
+        let row_bytes =
+            width * height * sample_type.bytes() as u64 * (u64::from(geometry.core()) << level);
+        let spare = 1 + (3 * COMMIT_SOURCE_BYTES).div_ceil(row_bytes);
+        let all = geometry.grid_at(level)[2];
+        let count = (level_window_chunks(geometry, level) + spare).min(all);
+        let slots = Slots { offset, count };
+        let chunk = chunk_bytes(geometry.dims_at(level), geometry.core().into(), sample_type);
+        offset += count * Slots::stride(chunk);
+        WindowPlace::Slots(slots)
+    });
+    let places = places.collect();
+    (places, offset)
+}
+
+/// Divides the budget: what must be in memory, then the window of a source that must be decoded, then
+/// larger batches. Returns the division, the memory it takes, and the scratch of that window.
 fn divide_memory(
     source: &Source,
     geometry: &Geometry,
-    sample_bytes: u64,
     threads: u64,
     folder: &Path,
+    window_places: &[WindowPlace],
     options: &ConvertOptions,
 ) -> Result<(WalkOptions, u64, u64), PreprocessError> {
     let budget = options.memory_bytes;
+    let sample_type = source.sample_type();
+    let sample_bytes = sample_type.bytes() as u64;
     let brick = geometry.brick_samples() as u64 * sample_bytes;
     let coded = coded_bytes(geometry, options.encoding, sample_bytes);
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // Gathered samples, means, codes, and room for LZ4 to fail in.
-    let thread_bytes = brick + core / 8 + coded + coded * 11 / 10 + (64 << 10);
-    let octet_bytes = 8 * (coded + 256) + core;
+    let thread_bytes = THREAD_BYTES + brick + core / 8 + coded + coded * 11 / 10;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
+    // A small level 0 has fewer bricks than its octets have room for.
+    let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);
+    let octet_bytes = octet_bricks * (coded + 512) + core;
     let batches = |octets: u64| (BATCHES * octets).min(all_octets) * octet_bytes;
-    let store = geometry.bricks() * (coded + 2 * NodeRecord::BYTES as u64);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
-    let stream = source.decode_bytes().unwrap_or(0);
+    let decoding = match source.decode_bytes() {
+        Some(bytes) if source.slice_files().is_some() => threads * bytes,
+        bytes => bytes.unwrap_or(0),
+    };
     let mut octets = threads;
     let mut memory = BASE_BYTES
-        + StoreWriter::memory_bytes(store)
+        + StoreWriter::memory_bytes(geometry.bricks())
         + threads * thread_bytes
         + batches(octets)
         + pending
-        + stream;
+        + decoding;
     if memory > budget {
         return Err(PreprocessError::MemoryTooSmall { budget, needed: memory });
     }
     let mut scratch = 0;
-    // Windows want memory, but a larger batch wants it more than the largest window does.
-    let wanted_batch = batches(threads * OCTETS_PER_THREAD) - batches(octets);
-    let mut place = |bytes: u64, memory: &mut u64| {
-        if *memory + bytes + wanted_batch <= budget {
-            *memory += bytes;
-            WindowPlace::Memory
-        } else {
-            scratch += bytes;
-            WindowPlace::Scratch(folder.to_owned())
-        }
-    };
-    let mut window_places: Vec<_> = geometry
-        .levels()
-        .skip(1)
-        .rev()
-        .map(|level| {
-            let chunk =
-                chunk_bytes(geometry.dims_at(level), geometry.core().into(), source.sample_type());
-            place(level_window_chunks(geometry, level) * chunk, &mut memory)
-        })
-        .collect();
-    window_places.reverse();
     let mut stream_place = WindowPlace::Memory;
-    let mut stream_chunks_ahead = 0;
+    let stream_chunk =
+        if source.slice_files().is_some() { STREAM_CHUNK.max(threads) } else { STREAM_CHUNK };
+    let stream_chunks_ahead = SLICES_AHEAD.div_ceil(stream_chunk);
     if source.decode_bytes().is_some() {
-        let chunk = chunk_bytes(geometry.dims_xyz(), STREAM_CHUNK, source.sample_type());
-        let least = 1 + stream_window_chunks(geometry);
-        stream_chunks_ahead = CHUNKS_AHEAD;
-        stream_place = place((least + CHUNKS_AHEAD) * chunk, &mut memory);
+        let chunk = chunk_bytes(geometry.dims_xyz(), stream_chunk, sample_type);
+        let bytes = (stream_window_chunks(geometry, stream_chunk) + stream_chunks_ahead) * chunk;
+        // The window wants memory, but a larger batch wants it more.
+        let wanted_batch = batches(threads * OCTETS_PER_THREAD) - batches(octets);
+        if memory + bytes + wanted_batch <= budget {
+            memory += bytes;
+        } else {
+            scratch = bytes;
+            stream_place = WindowPlace::Unnamed(folder.to_owned());
+        }
     }
     let room = (budget - memory) / (BATCHES * octet_bytes);
     octets = (octets + room).min(threads * OCTETS_PER_THREAD);
     memory += batches(octets) - batches(threads);
     let walk = WalkOptions {
         batch_octets: octets as usize,
-        window_places,
+        window_places: window_places.to_vec(),
         stream_place,
+        stream_chunk,
         stream_chunks_ahead,
     };
     Ok((walk, memory, scratch))

@@ -2,7 +2,7 @@
 //! level. Octets come level by level upwards, so a node's children are known when it comes.
 
 use super::brick::BrickOutput;
-use crate::walk::Octet;
+use crate::walk::Visited;
 use octree_store::{BrickState, Geometry, NodeKey, NodeRecord, WeightedRms};
 use std::collections::HashMap;
 
@@ -15,13 +15,39 @@ pub(super) struct Tree {
 }
 
 /// What the children of a node add up to.
-#[derive(Debug, Clone, Copy)]
-struct Beneath {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Beneath {
     min: f64,
     max: f64,
     /// RMS over children of (bound + step), weighted by their level-0 voxels.
     lod_rms: WeightedRms,
     lod_amax: f64,
+}
+
+impl Beneath {
+    /// Bytes of [`Beneath::to_bytes`].
+    pub(super) const BYTES: usize = 56;
+
+    /// The numbers as bytes, for one who resumes.
+    pub(super) fn to_bytes(self) -> Vec<u8> {
+        let Self { min, max, lod_rms, lod_amax } = self;
+        let [scale, sum, error, weight] = lod_rms.to_parts();
+        [min, max, scale, sum, error, weight, lod_amax]
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect()
+    }
+
+    /// The numbers of these bytes.
+    pub(super) fn from_bytes(bytes: &[u8; Self::BYTES]) -> Self {
+        let mut v = [0.0; Self::BYTES / 8];
+        for (v, bytes) in v.iter_mut().zip(bytes.as_chunks::<8>().0) {
+            *v = f64::from_le_bytes(*bytes);
+        }
+        let [min, max, scale, sum, error, weight, lod_amax] = v;
+        let lod_rms = WeightedRms::from_parts([scale, sum, error, weight]);
+        Self { min, max, lod_rms, lod_amax }
+    }
 }
 
 /// A bound that is computed is rounded; this keeps it a bound, and a number.
@@ -30,22 +56,29 @@ fn bounded(bound: f64) -> f64 {
 }
 
 impl Tree {
-    pub(super) fn new(geometry: Geometry, empty_value: f64) -> Self {
-        Self { geometry, empty_value, pending: HashMap::new() }
+    pub(super) fn new(
+        geometry: Geometry,
+        empty_value: f64,
+        pending: HashMap<NodeKey, Beneath>,
+    ) -> Self {
+        Self { geometry, empty_value, pending }
     }
 
-    /// Completes the records of an octet, and keeps what their parent will need.
-    pub(super) fn complete(&mut self, octet: Octet<BrickOutput>) -> Vec<(NodeRecord, Vec<u8>)> {
-        let mut bricks = Vec::with_capacity(octet.len());
+    /// Completes the records of an octet; says, and keeps, what their parent will need. There is none
+    /// above the top level.
+    pub(super) fn complete(
+        &mut self,
+        octet: &[Visited<BrickOutput>],
+    ) -> (Vec<NodeRecord>, Option<Beneath>) {
+        let mut records = Vec::with_capacity(octet.len());
         let mut beneath = Beneath {
             min: f64::INFINITY,
             max: f64::NEG_INFINITY,
             lod_rms: WeightedRms::default(),
             lod_amax: 0.0,
         };
-        let parent = octet.first().map(|visited| visited.key.parent());
         for visited in octet {
-            let BrickOutput { mut record, payload, .. } = visited.output;
+            let mut record = visited.output.record;
             record.child_mask = self.geometry.child_mask(record.key);
             let voxels = self.geometry.voxels_beneath(record.key) as f64;
             if record.state == BrickState::Empty {
@@ -64,11 +97,29 @@ impl Tree {
             let rms = (record.lod_rms_bound + visited.step.rms).min(f64::MAX);
             beneath.lod_rms.add(voxels, rms);
             beneath.lod_amax = beneath.lod_amax.max(record.lod_amax_bound + visited.step.amax);
-            bricks.push((record, payload));
+            records.push(record);
         }
-        if let Some(parent) = parent.filter(|parent| self.geometry.contains(*parent)) {
+        let parent = octet.first().map(|visited| visited.key.parent());
+        let parent = parent.filter(|parent| self.geometry.contains(*parent));
+        if let Some(parent) = parent {
             self.pending.insert(parent, beneath);
         }
-        bricks
+        (records, parent.map(|_| beneath))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_for_a_parent_comes_back_to_the_bit() {
+        let mut lod_rms = WeightedRms::default();
+        lod_rms.add(3.0, 0.1);
+        lod_rms.add(5.0, 1e200);
+        let beneath = Beneath { min: -0.0, max: f64::MAX, lod_rms, lod_amax: 0.3 };
+        let bytes = beneath.to_bytes();
+        let back = Beneath::from_bytes(bytes.as_slice().try_into().unwrap());
+        assert_eq!((back, back.to_bytes()), (beneath, bytes));
     }
 }

@@ -2,7 +2,7 @@
 #![allow(unsafe_code, reason = "mapping a file is unsafe by nature: another process may change it")]
 
 use bytemuck::Pod;
-use memmap2::{Mmap, MmapMut};
+use memmap2::{Mmap, MmapMut, MmapOptions};
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -44,8 +44,16 @@ impl ScratchMap {
     }
 }
 
+/// Maps `bytes` bytes of a scratch file from `offset` on.
+pub(crate) fn map_slot(file: &File, offset: u64, bytes: u64) -> io::Result<ScratchMap> {
+    let length = bytes.max(1) as usize;
+    // SAFETY: the file is locked by this process for as long as the conversion lasts, and made by it;
+    // one who shortens it against the lock ends the program by SIGBUS, as with every mapped file.
+    unsafe { MmapOptions::new().offset(offset).len(length).map_mut(file) }.map(ScratchMap)
+}
+
 /// Makes a file of `bytes` zeros whose blocks are all taken.
-fn take_blocks(mut file: &File, bytes: u64) -> io::Result<()> {
+pub(crate) fn take_blocks(mut file: &File, bytes: u64) -> io::Result<()> {
     use rustix::fs::{FallocateFlags, fallocate};
     match fallocate(file, FallocateFlags::empty(), 0, bytes) {
         // Some network file systems cannot: then the zeros are written.

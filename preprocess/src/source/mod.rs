@@ -315,6 +315,21 @@ pub(crate) struct MappedVoxels<'a> {
 }
 
 impl MappedVoxels<'_> {
+    /// Tells the system that these slices of the region will soon be read, so that it reads them
+    /// from the disk in one go. A slab of more than a gigabyte is left to the system's own guess.
+    pub(crate) fn will_need(&self, slices: std::ops::Range<u64>) {
+        let slice = self.source.file_slice_bytes();
+        let first = self.source.region.min[2] + slices.start;
+        let bytes = (slices.end - slices.start) * slice;
+        if let Place::Mapped { map, offset } = &self.source.place
+            && (1..1 << 30).contains(&bytes)
+        {
+            // Advice that the system cannot take is no fault.
+            let start = (offset + first * slice) as usize;
+            let _ = map.advise_range(memmap2::Advice::WillNeed, start, bytes as usize);
+        }
+    }
+
     /// Reads the row from voxel (x, y, z) of the region on.
     #[inline]
     pub(crate) fn read_row<T: Sample>(&self, [x, y, z]: [u64; 3], out: &mut [T]) {
@@ -336,6 +351,18 @@ pub struct Slices<'a> {
 }
 
 impl Slices<'_> {
+    /// Passes over slices.
+    ///
+    /// # Errors
+    /// As [`Slices::next`].
+    pub(crate) fn skip(&mut self, slices: u64) -> Result<(), SourceError> {
+        if let Some(stream) = &mut self.stream {
+            stream.skip(slices * self.source.file_slice_bytes())?;
+        }
+        self.next_z += slices;
+        Ok(())
+    }
+
     /// Reads the next slice: `dims_xyz[0] * dims_xyz[1]` samples, x fastest. After the last one
     /// the end of a stream is checked.
     ///
