@@ -115,8 +115,8 @@ struct Sums<'a> {
 }
 
 impl Sink<Measured> for Sums<'_> {
-    fn take(&mut self, octets: Vec<Octet<Measured>>) -> Result<(), PreprocessError> {
-        for visited in octets.into_iter().flat_map(|octet| octet.bricks) {
+    fn take(&mut self, octet: Octet<Measured>) -> Result<(), PreprocessError> {
+        for visited in octet.bricks {
             let Measured { error, empty, damage } = visited.output;
             if visited.key.level() == 0 {
                 if empty { self.dropped.add(&error) } else { self.kept.add(&error) }

@@ -17,8 +17,10 @@ use crate::source::Source;
 use crate::window::{Chunk, Window, WindowPlace};
 use octree_store::{Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
-use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::fs::File;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
 use twox_hash::XxHash3_64;
 
@@ -63,8 +65,8 @@ pub(crate) struct Octet<O> {
 
 /// Where visited octets go, in an order that depends on the geometry alone.
 pub(crate) trait Sink<O> {
-    /// Takes the next octets.
-    fn take(&mut self, octets: Vec<Octet<O>>) -> Result<(), PreprocessError>;
+    /// Takes the next octet.
+    fn take(&mut self, octet: Octet<O>) -> Result<(), PreprocessError>;
 
     /// Returns when the first so many octets of the walk are durable: a slot whose content they
     /// needed is about to be filled anew.
@@ -74,8 +76,8 @@ pub(crate) trait Sink<O> {
 /// How a walk uses the machine.
 #[derive(Debug, Clone)]
 pub(crate) struct WalkOptions {
-    /// Octets that are computed together, before any of them is handed on.
-    pub(crate) batch_octets: usize,
+    /// Octets that are being made, or made and waiting for one before them.
+    pub(crate) octets_ahead: usize,
     /// For each level above 0, where its window lives.
     pub(crate) window_places: Vec<WindowPlace>,
     /// For a source that must be decoded, where the window of level 0 lives.
@@ -152,11 +154,11 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         })
         .collect();
     let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
-    let batch_octets = options.batch_octets;
+    let octets_ahead = options.octets_ahead;
     let blocks = Buffers(Mutex::default());
     let checksums = earlier.scratch.is_some();
     let walker =
-        Walker { geometry, pool, visitor, batch_octets, payloads, blocks, scratches, checksums };
+        Walker { geometry, pool, visitor, octets_ahead, payloads, blocks, scratches, checksums };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
@@ -222,7 +224,7 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     geometry: &'a Geometry,
     pool: &'a ThreadPool,
     visitor: &'a V,
-    batch_octets: usize,
+    octets_ahead: usize,
     payloads: &'a Buffers<u8>,
     /// Parents' cores, to be used again.
     blocks: Buffers<T>,
@@ -243,6 +245,9 @@ impl<T, S: Default> Default for ThreadScratch<T, S> {
         Self { brick: Vec::new(), coarse: Vec::new(), visitor: S::default() }
     }
 }
+
+/// A brick's thread panicked: a bug.
+const PANIC: PreprocessError = PreprocessError::Panic { thread: "brick" };
 
 /// A visited octet, and its parent's in-volume core, x fastest, which is empty at the top level.
 type Made<T, O> = (Octet<O>, Vec<T>);
@@ -298,8 +303,8 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         Ok(())
     }
 
-    /// Walks the octets of one row. While one batch is made by the pool, the one before it is
-    /// handed on.
+    /// Walks the octets of one row: the pool makes some of them at a time, in any order; this thread
+    /// hands them on in theirs.
     fn walk_octets(
         &self,
         rows: &impl Rows<T>,
@@ -315,60 +320,54 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         parents.sort_unstable();
         let skipped = course.skip.saturating_sub(course.done).min(parents.len() as u64);
         course.done += skipped;
-        let mut made: Vec<Made<T, V::Output>> = Vec::new();
-        let mut handed_on = 0;
         let parents = &parents[skipped as usize..];
-        for batch in parents.chunks(self.batch_octets) {
-            let coarsen = chunk.is_some();
-            let (mut making, mut handing) = (None, Ok(()));
-            self.pool.in_place_scope(|scope| {
-                scope.spawn(|_| making = Some(self.visit_batch(rows, batch, coarsen)));
-                let before = std::mem::take(&mut made);
-                let keys = &parents[handed_on..handed_on + before.len()];
-                handed_on += before.len();
-                handing = self.hand_on(keys, before, chunk.as_deref_mut(), course);
-            });
-            handing?;
-            made = making.expect("the scope waits for what it spawns")?;
-        }
-        self.hand_on(&parents[handed_on..], made, chunk, course)
-    }
-
-    /// Puts parents' cores into their chunk, and gives the octets to the sink.
-    fn hand_on(
-        &self,
-        parents: &[NodeKey],
-        made: Vec<Made<T, V::Output>>,
-        mut chunk: Option<&mut Chunk<T>>,
-        course: &mut Course<'_, V::Output>,
-    ) -> Result<(), PreprocessError> {
-        if made.is_empty() {
-            return Ok(());
-        }
-        course.done += made.len() as u64;
-        let mut octets = Vec::with_capacity(made.len());
-        for (&parent, (octet, block)) in parents.iter().zip(made) {
-            if let Some(chunk) = &mut chunk {
-                place_block(self.geometry, parent, &block, chunk.samples_mut());
+        let coarsen = chunk.is_some();
+        let (sender, made) = sync_channel(self.octets_ahead);
+        self.pool.in_place_scope_fifo(|scope| {
+            let mut begun = 0;
+            let mut early = BTreeMap::new();
+            for (index, &parent) in parents.iter().enumerate() {
+                for (at, &parent) in
+                    (begun..).zip(&parents[begun..]).take(index + self.octets_ahead - begun)
+                {
+                    let sender = sender.clone();
+                    scope.spawn_fifo(move |_| {
+                        // There is room for it; one who no longer listens has failed already.
+                        let _ = sender.send((at, self.visit(rows, parent, coarsen)));
+                    });
+                    begun += 1;
+                }
+                let (octet, block): Made<T, V::Output> = loop {
+                    if let Some(next) = early.remove(&index) {
+                        break next;
+                    }
+                    let (at, next) = made.recv().map_err(|_| PANIC)?;
+                    early.insert(at, next?);
+                };
+                if let Some(chunk) = &mut chunk {
+                    place_block(self.geometry, parent, &block, chunk.samples_mut());
+                }
+                self.blocks.give(block);
+                course.done += 1;
+                course.sink.take(octet)?;
             }
-            self.blocks.give(block);
-            octets.push(octet);
-        }
-        course.sink.take(octets)
+            Ok(())
+        })
     }
 
-    fn visit_batch(
+    /// Visits an octet with the thread's own scratch; a panic becomes an error.
+    fn visit(
         &self,
         rows: &impl Rows<T>,
-        batch: &[NodeKey],
+        parent: NodeKey,
         coarsen: bool,
-    ) -> Result<Vec<Made<T, V::Output>>, PreprocessError> {
-        let each = |parent: &NodeKey| {
-            let thread = rayon::current_thread_index().unwrap_or(0);
+    ) -> Result<Made<T, V::Output>, PreprocessError> {
+        let thread = rayon::current_thread_index().unwrap_or(0);
+        let visit = || {
             let mut scratch = self.scratches[thread].lock().unwrap_or_else(PoisonError::into_inner);
-            self.visit_octet(rows, *parent, coarsen, &mut scratch)
+            self.visit_octet(rows, parent, coarsen, &mut scratch)
         };
-        batch.par_iter().with_max_len(1).map(each).collect()
+        panic::catch_unwind(AssertUnwindSafe(visit)).unwrap_or(Err(PANIC))
     }
 
     /// Visits the children of `parent`; with `coarsen`, their means come too.

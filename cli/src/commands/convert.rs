@@ -181,6 +181,7 @@ impl Convert {
             threads: self.threads.map_or(defaults.threads, usize::from),
             memory_bytes: self.memory,
             scratch: self.scratch.clone(),
+            commit_source_bytes: defaults.commit_source_bytes,
             start: match (self.force, self.resume) {
                 (true, _) => Start::Replace,
                 (_, true) => Start::Resume,

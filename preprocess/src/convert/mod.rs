@@ -60,6 +60,8 @@ pub struct ConvertOptions {
     pub memory_bytes: u64,
     /// The folder of scratch files; beside the output where none is given.
     pub scratch: Option<PathBuf>,
+    /// Bytes of the source after which what was done is made durable.
+    pub commit_source_bytes: u64,
     /// What is done with an existing output, or with unfinished work.
     pub start: Start,
 }
@@ -78,6 +80,7 @@ impl Default for ConvertOptions {
             threads: thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: 512 << 20,
             scratch: None,
+            commit_source_bytes: plan::COMMIT_SOURCE_BYTES,
             start: Start::Fresh,
         }
     }

@@ -15,16 +15,16 @@ use std::path::{Path, PathBuf};
 const BASE_BYTES: u64 = 3 << 20;
 /// What each thread takes beside its buffers: its stack, and its arena of the allocator.
 const THREAD_BYTES: u64 = 192 << 10;
-/// Batches of octets alive at once: in the making, being handed on, waiting, being written.
-const BATCHES: u64 = 4;
-/// Octets a thread gets of one batch, where memory allows.
-const OCTETS_PER_THREAD: u64 = 16;
+/// Octets that are ahead of the walk for each thread: in the making, or waiting for one before them.
+const AHEAD_PER_THREAD: u64 = 4;
+/// Octets that wait for the writer for each thread.
+const WAITING_PER_THREAD: u64 = 2;
 /// Slices that a decoded source is ahead of the walk, where memory allows: a row of octets.
 const SLICES_AHEAD: u64 = 64;
 /// Slices in a chunk of a stream.
 const STREAM_CHUNK: u64 = 4;
-/// Bytes of the source after which work is committed: what is done anew after a kill is this and
-/// what two commits on their way hold.
+/// Bytes of the source after which work is committed, where nothing else is said: what is done anew
+/// after a kill is this, and what two commits on their way hold.
 pub(super) const COMMIT_SOURCE_BYTES: u64 = 64 << 20;
 
 /// A level as it will be made.
@@ -74,6 +74,12 @@ pub struct ConversionPlan {
     /// Of the scratch, what the windows' slots take.
     #[serde(skip)]
     pub(crate) slots_bytes: u64,
+    /// Octets that wait for the writer at most.
+    #[serde(skip)]
+    pub(crate) octets_waiting: usize,
+    /// Bytes of the source after which work is committed.
+    #[serde(skip)]
+    pub(crate) commit_source_bytes: u64,
     #[serde(skip)]
     pub(crate) walk: WalkOptions,
     #[serde(skip)]
@@ -94,7 +100,8 @@ impl ConversionPlan {
         let sample_type = source.sample_type();
         let sample_bytes = sample_type.bytes() as u64;
         let folder = options.scratch.clone().unwrap_or_else(|| folder_of(output));
-        let (window_places, slots_bytes) = windows(&geometry, sample_type);
+        let (window_places, slots_bytes) =
+            windows(&geometry, sample_type, options.commit_source_bytes);
         // As many threads as memory allows.
         let mut threads = options.threads.max(1);
         let (walk, predicted, stream_bytes) = loop {
@@ -128,6 +135,8 @@ impl ConversionPlan {
             predicted_memory_bytes: predicted,
             scratch_bytes: slots_bytes + stream_bytes,
             slots_bytes,
+            octets_waiting: threads * WAITING_PER_THREAD as usize,
+            commit_source_bytes: options.commit_source_bytes,
             // redb's leaves are half full at worst; an empty redb file has about 1.5 MB.
             output_bytes_max: payload + 2 * records + (2 << 20),
             walk,
@@ -156,15 +165,19 @@ fn coded_bytes(geometry: &Geometry, encoding: Encoding, sample_bytes: u64) -> u6
 /// The windows of the levels above 0, in slots of one scratch file, and the file's size.
 ///
 /// A window needs four slots at most. One more, and so many more as three commits fill, let work go
-/// on while what a slot held is not yet needed by a commit alone. It depends on nothing but the volume:
+/// on while what a slot held is not yet needed by a commit alone. It does not depend on the budget:
 /// work that was begun with one budget can be gone on with under another.
-fn windows(geometry: &Geometry, sample_type: SampleType) -> (Vec<WindowPlace>, u64) {
+fn windows(
+    geometry: &Geometry,
+    sample_type: SampleType,
+    commit_source_bytes: u64,
+) -> (Vec<WindowPlace>, u64) {
     let [width, height, _] = geometry.dims_xyz();
     let mut offset = 0;
     let places = geometry.levels().skip(1).map(|level| {
         let row_bytes =
             width * height * sample_type.bytes() as u64 * (u64::from(geometry.core()) << level);
-        let spare = 1 + (3 * COMMIT_SOURCE_BYTES).div_ceil(row_bytes);
+        let spare = 1 + (3 * commit_source_bytes).div_ceil(row_bytes);
         let all = geometry.grid_at(level)[2];
         let count = (level_window_chunks(geometry, level) + spare).min(all);
         let slots = Slots { offset, count };
@@ -176,8 +189,8 @@ fn windows(geometry: &Geometry, sample_type: SampleType) -> (Vec<WindowPlace>, u
     (places, offset)
 }
 
-/// Divides the budget: what must be in memory, then the window of a source that must be decoded, then
-/// larger batches. Returns the division, the memory it takes, and the scratch of that window.
+/// Divides the budget: what must be in memory, then the window of a source that must be decoded.
+/// Returns the division, the memory it takes, and the scratch of that window.
 fn divide_memory(
     source: &Source,
     geometry: &Geometry,
@@ -195,10 +208,11 @@ fn divide_memory(
     // Gathered samples, means, codes, and room for LZ4 to fail in.
     let thread_bytes = THREAD_BYTES + brick + core / 8 + coded + coded * 11 / 10;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
-    // A small level 0 has fewer bricks than its octets have room for.
+    // A small volume has fewer bricks than its octets have room for.
     let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);
     let octet_bytes = octet_bricks * (coded + 512) + core;
-    let batches = |octets: u64| (BATCHES * octets).min(all_octets) * octet_bytes;
+    // Besides those, one is being written.
+    let octets = (threads * (AHEAD_PER_THREAD + WAITING_PER_THREAD) + 1).min(all_octets);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
@@ -206,11 +220,10 @@ fn divide_memory(
         Some(bytes) if source.slice_files().is_some() => threads * bytes,
         bytes => bytes.unwrap_or(0),
     };
-    let mut octets = threads;
     let mut memory = BASE_BYTES
         + StoreWriter::memory_bytes(geometry.bricks())
         + threads * thread_bytes
-        + batches(octets)
+        + octets * octet_bytes
         + pending
         + decoding;
     if memory > budget {
@@ -224,20 +237,15 @@ fn divide_memory(
     if source.decode_bytes().is_some() {
         let chunk = chunk_bytes(geometry.dims_xyz(), stream_chunk, sample_type);
         let bytes = (stream_window_chunks(geometry, stream_chunk) + stream_chunks_ahead) * chunk;
-        // The window wants memory, but a larger batch wants it more.
-        let wanted_batch = batches(threads * OCTETS_PER_THREAD) - batches(octets);
-        if memory + bytes + wanted_batch <= budget {
+        if memory + bytes <= budget {
             memory += bytes;
         } else {
             scratch = bytes;
             stream_place = WindowPlace::Unnamed(folder.to_owned());
         }
     }
-    let room = (budget - memory) / (BATCHES * octet_bytes);
-    octets = (octets + room).min(threads * OCTETS_PER_THREAD);
-    memory += batches(octets) - batches(threads);
     let walk = WalkOptions {
-        batch_octets: octets as usize,
+        octets_ahead: (threads * AHEAD_PER_THREAD) as usize,
         window_places: window_places.to_vec(),
         stream_place,
         stream_chunk,

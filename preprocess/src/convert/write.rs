@@ -1,7 +1,7 @@
 //! The walk on one thread, and the writer, which completes records and commits, on the caller's.
 
 use super::brick::{BrickEncoder, BrickOutput};
-use super::plan::{COMMIT_SOURCE_BYTES, ConversionPlan};
+use super::plan::ConversionPlan;
 use super::resume::{State, kept_bytes};
 use super::tree::{Beneath, Tree};
 use crate::error::PreprocessError;
@@ -28,8 +28,8 @@ pub(super) struct Work<'a> {
 
 /// What the walk says to the writer.
 enum Message {
-    /// Write these octets.
-    Octets(Vec<Octet<BrickOutput>>),
+    /// Write this octet.
+    Octet(Octet<BrickOutput>),
     /// Commit, and answer when so many octets are durable.
     MakeDurable(u64, SyncSender<()>),
 }
@@ -43,12 +43,12 @@ struct ToWriter<'a> {
 }
 
 impl Sink<BrickOutput> for ToWriter<'_> {
-    fn take(&mut self, octets: Vec<Octet<BrickOutput>>) -> Result<(), PreprocessError> {
+    fn take(&mut self, octet: Octet<BrickOutput>) -> Result<(), PreprocessError> {
         if self.progress.should_stop() {
             return Err(PreprocessError::Cancelled);
         }
         // A writer that has stopped says why itself.
-        self.sender.send(Message::Octets(octets)).map_err(|_| PreprocessError::Cancelled)
+        self.sender.send(Message::Octet(octet)).map_err(|_| PreprocessError::Cancelled)
     }
 
     fn wait_until_durable(&mut self, octets: u64) -> Result<(), PreprocessError> {
@@ -81,13 +81,14 @@ pub(super) fn make_bricks<T: Sample>(
         values: state.values(),
         state,
         source_bytes: 0,
+        commit_bytes: plan.commit_source_bytes,
         durable: &durable,
         buffers: &buffers,
         sample_bytes: size_of::<T>() as u64,
         writer,
     };
     thread::scope(|scope| {
-        let (sender, receiver) = sync_channel(1);
+        let (sender, receiver) = sync_channel(plan.octets_waiting);
         let (buffers, durable) = (&buffers, &durable);
         let walking = thread::Builder::new()
             .name("walk".into())
@@ -129,6 +130,8 @@ struct Writing<'a> {
     values: VolumeValues,
     /// Bytes of the source in the bricks of level 0 since the last commit.
     source_bytes: u64,
+    /// After so many of them work is committed.
+    commit_bytes: u64,
     sample_bytes: u64,
     durable: &'a AtomicU64,
     buffers: &'a Buffers<u8>,
@@ -146,11 +149,7 @@ impl Writing<'_> {
             let started = Instant::now();
             let before = self.bricks;
             match message {
-                Message::Octets(octets) => {
-                    for octet in octets {
-                        self.write(octet)?;
-                    }
-                }
+                Message::Octet(octet) => self.write(octet)?,
                 Message::MakeDurable(octets, answer) => {
                     if self.writer.durable_mark()? < octets {
                         self.commit()?;
@@ -181,7 +180,7 @@ impl Writing<'_> {
         self.octets += 1;
         self.bricks += records.len() as u64;
         self.buffers.give(octet.payloads);
-        if self.source_bytes >= COMMIT_SOURCE_BYTES {
+        if self.source_bytes >= self.commit_bytes {
             self.commit()?;
         }
         Ok(())

@@ -5,6 +5,7 @@
 mod errors;
 mod invariance;
 mod ranges;
+mod resume;
 mod samples;
 mod support;
 mod values;
