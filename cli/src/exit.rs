@@ -23,13 +23,18 @@ pub(crate) fn code_of(result: anyhow::Result<Answer>) -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("octavo: {}", message(&error));
-            ExitCode::from(if is_environment(error) { 3 } else { 2 })
+            ExitCode::from(code_of_error(&error))
         }
     }
 }
 
+/// The exit code of an error.
+pub(crate) fn code_of_error(error: &anyhow::Error) -> u8 {
+    if is_environment(error) { 3 } else { 2 }
+}
+
 /// Our own errors say all that their causes say; others are told with their causes.
-fn message(error: &anyhow::Error) -> String {
+pub(crate) fn message(error: &anyhow::Error) -> String {
     let own =
         error.is::<PreprocessError>() || error.is::<SourceError>() || error.is::<StoreError>();
     if own { error.to_string() } else { format!("{error:#}") }
@@ -45,15 +50,15 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
     })
 }
 
-fn is_environment(error: anyhow::Error) -> bool {
-    let error = error
-        .downcast::<StoreError>()
-        .map(PreprocessError::from)
-        .or_else(|error| error.downcast::<SourceError>().map(PreprocessError::from))
-        .or_else(anyhow::Error::downcast::<PreprocessError>);
-    match error {
-        Ok(error) => error.is_environment(),
-        Err(error) => error.is::<io::Error>(),
+fn is_environment(error: &anyhow::Error) -> bool {
+    if let Some(error) = error.downcast_ref::<PreprocessError>() {
+        error.is_environment()
+    } else if let Some(error) = error.downcast_ref::<StoreError>() {
+        error.is_environment()
+    } else if let Some(error) = error.downcast_ref::<SourceError>() {
+        error.is_environment()
+    } else {
+        error.is::<io::Error>()
     }
 }
 
@@ -67,10 +72,10 @@ mod tests {
         let failed = |kind: io::ErrorKind| {
             PreprocessError::from(StoreError::Io { path: "a".into(), source: kind.into() })
         };
-        assert!(is_environment(failed(io::ErrorKind::StorageFull).into()));
-        assert!(!is_environment(failed(io::ErrorKind::PermissionDenied).into()));
-        assert!(!is_environment(SourceError::Missing { path: "a".into() }.into()));
+        assert!(is_environment(&failed(io::ErrorKind::StorageFull).into()));
+        assert!(!is_environment(&failed(io::ErrorKind::PermissionDenied).into()));
+        assert!(!is_environment(&SourceError::Missing { path: "a".into() }.into()));
         let written: Result<(), _> = Err(io::Error::from(io::ErrorKind::StorageFull));
-        assert!(is_environment(written.context("a.png").unwrap_err()));
+        assert!(is_environment(&written.context("a.png").unwrap_err()));
     }
 }

@@ -1,12 +1,28 @@
 //! A progress bar on a terminal, quiet lines when piped, and an ear for Ctrl-C.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use preprocess::Progress;
 use std::io::{IsTerminal, stderr};
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 static STOP: AtomicBool = AtomicBool::new(false);
+
+/// The bars of all work that goes on, one below the other.
+static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
+    let terminal = stderr().is_terminal();
+    MultiProgress::with_draw_target(if terminal {
+        ProgressDrawTarget::stderr_with_hz(8)
+    } else {
+        ProgressDrawTarget::hidden()
+    })
+});
+
+/// Whether someone asked the program to stop.
+pub(crate) fn stopped() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
 
 /// Seconds between lines where no bar can be drawn.
 const LINE_SECS: u64 = 10;
@@ -14,7 +30,7 @@ const LINE_SECS: u64 = 10;
 /// Shows how many bricks are done, at what rate, and how long the rest will take.
 pub(crate) struct Bar {
     shown: ProgressBar,
-    what: &'static str,
+    what: String,
     started: Instant,
     /// Lines printed so far, where stderr is no terminal.
     lines: Option<AtomicU64>,
@@ -22,21 +38,17 @@ pub(crate) struct Bar {
 
 impl Bar {
     /// A bar for so many bricks. From here on Ctrl-C and SIGTERM end the work cleanly.
-    pub(crate) fn new(what: &'static str, bricks: u64) -> Self {
+    pub(crate) fn new(what: impl Into<String>, bricks: u64) -> Self {
         // A second call finds the handler in place, which is all that is wanted.
         let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
+        let what = what.into();
         let terminal = stderr().is_terminal();
-        let target = if terminal {
-            ProgressDrawTarget::stderr_with_hz(8)
-        } else {
-            ProgressDrawTarget::hidden()
-        };
-        let bar = ProgressBar::with_draw_target(Some(bricks), target);
+        let bar = BARS.add(ProgressBar::new(bricks));
         let style = ProgressStyle::with_template(
             "{msg} {wide_bar} {human_pos}/{human_len} bricks, {per_sec}, {eta} left",
         );
         bar.set_style(style.expect("the template is fixed and valid"));
-        bar.set_message(what);
+        bar.set_message(what.clone());
         bar.enable_steady_tick(Duration::from_millis(250));
         let lines = (!terminal && bricks > 0).then(|| AtomicU64::new(0));
         Self { shown: bar, what, started: Instant::now(), lines }
@@ -70,6 +82,6 @@ impl Progress for Bar {
     }
 
     fn should_stop(&self) -> bool {
-        STOP.load(Ordering::Relaxed)
+        stopped()
     }
 }

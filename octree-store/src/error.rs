@@ -179,3 +179,26 @@ pub enum StoreError {
         what: String,
     },
 }
+
+impl StoreError {
+    /// Whether the environment failed (disk, locks), rather than the file or what was asked of it.
+    pub fn is_environment(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => !is_denied(source),
+            Self::InUse { .. } => true,
+            _ => false,
+        }
+    }
+}
+
+/// Whether the system refuses a file as such: a fault of what was asked, not of the machine.
+pub fn is_denied(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::PermissionDenied
+            | io::ErrorKind::NotFound
+            | io::ErrorKind::IsADirectory
+            | io::ErrorKind::NotADirectory
+            | io::ErrorKind::InvalidInput
+    )
+}

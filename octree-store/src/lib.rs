@@ -68,7 +68,7 @@ mod summary;
 pub mod verify;
 
 pub use encoding::{Encoding, encode_samples};
-pub use error::{Damage, StoreError};
+pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
 pub use exact_sum::{CompensatedSum, WeightedRms};
 pub use geometry::{Geometry, GeometryError, Region};

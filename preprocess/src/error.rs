@@ -1,7 +1,7 @@
 //! What can stop a conversion or a comparison.
 
 use crate::source::SourceError;
-use octree_store::{GeometryError, StoreError};
+use octree_store::{GeometryError, StoreError, is_denied};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -128,13 +128,9 @@ impl PreprocessError {
     /// Whether the environment failed (disk, memory, threads), rather than the input or the options.
     pub fn is_environment(&self) -> bool {
         match self {
-            Self::Source(SourceError::Io { source, .. }) | Self::Output { source, .. } => {
-                !is_denied(source)
-            }
-            Self::Source(SourceError::Store(error)) | Self::Store(error) => {
-                matches!(error, StoreError::Io { source, .. } if !is_denied(source))
-                    || matches!(error, StoreError::InUse { .. })
-            }
+            Self::Source(error) => error.is_environment(),
+            Self::Store(error) => error.is_environment(),
+            Self::Output { source, .. } => !is_denied(source),
             Self::Kept { source, .. } => source.is_environment(),
             Self::Scratch(_)
             | Self::ScratchFile { .. }
@@ -145,16 +141,4 @@ impl PreprocessError {
             _ => false,
         }
     }
-}
-
-/// Whether the system refuses a file as such: a fault of what was asked, not of the machine.
-fn is_denied(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        io::ErrorKind::PermissionDenied
-            | io::ErrorKind::NotFound
-            | io::ErrorKind::IsADirectory
-            | io::ErrorKind::NotADirectory
-            | io::ErrorKind::InvalidInput
-    )
 }

@@ -241,32 +241,3 @@ fn a_closed_pipe_is_no_error() {
     }
     assert!(octavo().output().unwrap().status.code() == Some(2), "no command is wrong usage");
 }
-
-#[test]
-fn a_signal_ends_the_work_and_leaves_nothing() {
-    let bench = Bench::new();
-    let bytes: Vec<u8> =
-        (0..500 * 500 * 320_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-    bench.write("a_500x500x320_u8.raw", &bytes);
-    for signal in ["INT", "TERM"] {
-        let mut command = octavo();
-        command
-            .args(["convert", "a_500x500x320_u8.raw", "--threads", "1"])
-            .current_dir(bench.folder());
-        let running = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
-        let partial = bench.path("a_500x500x320_u8.octavo.partial");
-        while !partial.exists() {
-            std::thread::yield_now();
-        }
-        let second = bench.run("convert a_500x500x320_u8.raw --force");
-        let kill = Command::new("kill").args(["-s", signal, &running.id().to_string()]).status();
-        assert!(kill.unwrap().success());
-        let output = running.wait_with_output().unwrap();
-        let words = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(3), "{words}");
-        assert!(words.contains("stopped"), "{words}");
-        assert_eq!(second.code, 3, "a second conversion onto it: {}", second.err);
-        assert!(second.err.contains("another conversion"), "{}", second.err);
-        assert_eq!(bench.names(), ["a_500x500x320_u8.raw"]);
-    }
-}

@@ -3,10 +3,13 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on fails")]
 
 mod bad_input;
+mod batch;
 mod commands;
 mod damage;
 mod help;
+mod memory;
 mod nibabel;
+mod resume;
 mod samples;
 mod sharing;
 mod support;

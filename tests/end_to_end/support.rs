@@ -1,6 +1,7 @@
 //! Runs the program, and makes the files that it is run on.
 
 use serde_json::Value;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
@@ -23,7 +24,7 @@ pub(crate) struct Said {
 }
 
 impl Said {
-    fn of(output: &Output) -> Self {
+    pub(crate) fn of(output: &Output) -> Self {
         Self {
             code: output.status.code().unwrap_or(-1),
             out: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -78,6 +79,20 @@ impl Bench {
             entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
+    }
+
+    /// Writes a raw file of so many bytes of noise, which no compression makes smaller.
+    pub(crate) fn noise(&self, name: &str, bytes: u64) {
+        let block: Vec<u8> =
+            (0..1_u32 << 20).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+        let mut file = std::fs::File::create(self.path(name)).unwrap();
+        let mut rest = bytes;
+        while rest > 0 {
+            // Blocks of an odd length, so that no slice repeats the one before.
+            let count = rest.min((1 << 20) - 333);
+            file.write_all(&block[..count as usize]).unwrap();
+            rest -= count;
+        }
     }
 
     /// A 16-bit volume of 40 x 33 x 20 voxels with structure, as a raw file; its bytes.

@@ -1,7 +1,7 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
 use super::nifti_header::NiftiHeaderError;
-use octree_store::{GeometryError, SampleType, StoreError};
+use octree_store::{GeometryError, SampleType, StoreError, is_denied};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -163,4 +163,15 @@ pub enum SourceError {
     /// A store that is read as a volume.
     #[error(transparent)]
     Store(#[from] StoreError),
+}
+
+impl SourceError {
+    /// Whether the environment failed, rather than the file or what was asked of it.
+    pub fn is_environment(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => !is_denied(source),
+            Self::Store(error) => error.is_environment(),
+            _ => false,
+        }
+    }
 }

@@ -1,16 +1,20 @@
-//! `octavo convert`: a volume becomes a store.
+//! `octavo convert`: a volume becomes a store, or several volumes become as many.
 
-use super::{RawArgs, SeriesArgs, by, human_bytes, print_json, write_whole};
+mod batch;
+mod report;
+mod show;
+
+use super::{RawArgs, SeriesArgs, print_json, write_whole};
 use crate::exit::Answer;
-use crate::info_json::{InfoJson, bits_per_voxel};
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
 use octree_store::{Encoding, LengthUnit, Region};
 use preprocess::PreprocessError;
-use preprocess::{Conversion, ConversionPlan, ConvertOptions, Source, Start, convert};
-use serde::Serialize;
-use std::io::{self, Write};
+use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
+use report::Report;
+use show::{print_plan, print_summary};
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Convert a volume into a store
@@ -23,13 +27,21 @@ use std::path::{Path, PathBuf};
     octavo convert scan_1024x1024x1024_u16.raw -o scan.octavo --spacing 10,10,10 --unit um\n  \
     octavo convert scan.raw --dims 512,512,300 --dtype u16 --big-endian --empty-below 6400\n  \
     octavo convert scan.nii --resume\n  \
+    octavo convert scans/*.nii.gz -o stores --jobs 2 --json\n  \
     octavo convert scan.nii --plan")]
 pub(super) struct Convert {
-    /// The volume
-    input: PathBuf,
-    /// The store to make [default: the input's stem + .octavo]
+    /// The volume, or several: files, folders of slices, quoted globs
+    #[arg(required_unless_present = "list", value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// The store to make, or with several inputs the folder for them [default: the input's stem + .octavo]
     #[arg(short, long, value_name = "OUT.octavo")]
     output: Option<PathBuf>,
+    /// A file that names more inputs, one a line; - reads them from stdin
+    #[arg(long, value_name = "FILE")]
+    list: Option<PathBuf>,
+    /// With several inputs, how many are converted at a time; they share threads and memory
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    jobs: u16,
     #[command(flatten)]
     raw: RawArgs,
     #[command(flatten)]
@@ -84,31 +96,69 @@ pub(super) struct Convert {
     json: bool,
 }
 
+/// One input and what it becomes.
+#[derive(Debug, Clone)]
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum EncodingName {
     U8,
     Lossless,
 }
 
-/// What `--report` holds.
-#[derive(Serialize)]
-struct Report<'a> {
-    #[serde(flatten)]
-    info: InfoJson<'a>,
-    threads: usize,
-    total_secs: f64,
-    bricks_secs: f64,
-    finish_secs: f64,
-    writer_busy_secs: f64,
-    voxels_per_sec: f64,
-    peak_memory_bytes: Option<u64>,
-    predicted_memory_bytes: u64,
-    resumed_bricks: u64,
-}
-
 impl Convert {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
-        let mut source = Source::open(&self.input, &self.raw.source_options(Some(&self.series)))?;
+        let jobs = self.jobs()?;
+        match jobs.as_slice() {
+            [job] if self.list.is_none() => self.one(job),
+            jobs => batch::run(&self, jobs),
+        }
+    }
+
+    /// Every input with its output.
+    fn jobs(&self) -> anyhow::Result<Vec<Job>> {
+        let mut inputs = self.inputs.clone();
+        if let Some(list) = &self.list {
+            inputs.extend(batch::read_list(list)?);
+        }
+        let several = inputs.len() > 1 || self.list.is_some();
+        let folder = self.output.clone().filter(|output| several || output.is_dir());
+        if let Some(folder) = folder.as_ref().filter(|folder| !folder.is_dir()) {
+            let what = "with several inputs, -o names a folder, and there is no such folder";
+            let source = io::Error::new(io::ErrorKind::NotFound, what);
+            return Err(PreprocessError::Output { path: folder.clone(), source }.into());
+        }
+        let jobs: Vec<_> = inputs
+            .into_iter()
+            .map(|input| {
+                let output = match (&folder, &self.output) {
+                    (Some(folder), _) => folder.join(default_output(&input)),
+                    (None, Some(output)) => output.clone(),
+                    (None, None) => default_output(&input),
+                };
+                Job { input, output }
+            })
+            .collect();
+        for (index, job) in jobs.iter().enumerate() {
+            if let Some(other) = jobs[..index].iter().find(|other| other.output == job.output) {
+                anyhow::bail!(
+                    "{} and {} would both become {}: convert them apart, with -o",
+                    other.input.display(),
+                    job.input.display(),
+                    job.output.display()
+                );
+            }
+        }
+        Ok(jobs)
+    }
+
+    /// Opens a job's source as the flags say.
+    fn open(&self, job: &Job) -> Result<Source, PreprocessError> {
+        let how = self.raw.source_options(Some(&self.series));
+        let mut source = Source::open(&job.input, &how)?;
         if let Some(region) = self.roi {
             source = source.crop(region)?;
         }
@@ -116,40 +166,29 @@ impl Convert {
             source.set_spacing(spacing);
         }
         source.unit = self.unit.unwrap_or(source.unit);
-        let output = self.output.clone().unwrap_or_else(|| default_output(&self.input));
+        Ok(source)
+    }
+
+    /// Converts the only input.
+    fn one(&self, job: &Job) -> anyhow::Result<Answer> {
+        let source = self.open(job)?;
         let options = self.options();
         super::print_notes(&source);
-        let plan = ConversionPlan::new(&source, &output, &options)?;
+        let plan = ConversionPlan::new(&source, &job.output, &options)?;
         if self.plan {
             if self.json {
                 print_json(&plan)?;
             } else {
-                print_plan(&plan, &output)?;
+                print_plan(&plan, &job.output)?;
             }
             return Ok(Answer::Done);
         }
-        if let Some(report) =
-            self.report.as_ref().filter(|report| report.exists() && !self.force && !self.resume)
-        {
-            let path = report.to_owned();
-            return Err(PreprocessError::Exists { path }.into());
-        }
-        // What would only be noticed at the end is looked at now.
-        if let Some(report) = &self.report {
-            let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
-            let clash = [&self.input, &output].into_iter().any(|other| other == report);
-            if clash || folder.is_some_and(|folder| !folder.is_dir()) {
-                let what =
-                    if clash { "it is the input or the output" } else { "there is no such folder" };
-                let source = io::Error::new(io::ErrorKind::InvalidInput, what);
-                return Err(PreprocessError::Output { path: report.clone(), source }.into());
-            }
-        }
+        self.check_report(std::slice::from_ref(job))?;
         let bar = Bar::new("converting", plan.bricks);
-        let done = convert(&source, &output, &options, &bar);
+        let done = convert(&source, &job.output, &options, &bar);
         bar.finish();
         let done = done?;
-        let report = report(&done);
+        let report = Report::of(&done);
         if let Some(path) = &self.report {
             write_whole(path, self.force || self.resume, |file| {
                 serde_json::to_writer_pretty(&mut *file, &report)?;
@@ -159,9 +198,27 @@ impl Convert {
         if self.json {
             print_json(&report)?;
         } else {
-            print_summary(&done, &self.input, &output)?;
+            print_summary(&done, &job.input, &job.output)?;
         }
         Ok(Answer::Done)
+    }
+
+    /// Looks now at what would only be noticed at the end: whether the report can be written.
+    fn check_report(&self, jobs: &[Job]) -> anyhow::Result<()> {
+        let Some(report) = &self.report else { return Ok(()) };
+        if report.exists() && !self.force && !self.resume {
+            let path = report.to_owned();
+            return Err(PreprocessError::Exists { path }.into());
+        }
+        let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let clash = jobs.iter().any(|job| [&job.input, &job.output].contains(&report));
+        if clash || folder.is_some_and(|folder| !folder.is_dir()) {
+            let what =
+                if clash { "it is an input or an output" } else { "there is no such folder" };
+            let source = io::Error::new(io::ErrorKind::InvalidInput, what);
+            return Err(PreprocessError::Output { path: report.clone(), source }.into());
+        }
+        Ok(())
     }
 
     fn options(&self) -> ConvertOptions {
@@ -197,105 +254,4 @@ fn default_output(input: &Path) -> PathBuf {
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     PathBuf::from(format!("{stem}.octavo"))
-}
-
-fn report(done: &Conversion) -> Report<'_> {
-    let voxels: u64 = done.metadata.dims_xyz.iter().product();
-    Report {
-        info: InfoJson::new(&done.metadata, done.file_bytes),
-        threads: done.plan.threads,
-        total_secs: done.total_secs,
-        bricks_secs: done.bricks_secs,
-        finish_secs: done.finish_secs,
-        writer_busy_secs: done.writer_busy_secs,
-        voxels_per_sec: voxels as f64 / done.total_secs,
-        peak_memory_bytes: done.peak_memory_bytes,
-        predicted_memory_bytes: done.plan.predicted_memory_bytes,
-        resumed_bricks: done.resumed_bricks,
-    }
-}
-
-fn print_plan(plan: &ConversionPlan, output: &Path) -> io::Result<()> {
-    let mut out = io::stdout().lock();
-    writeln!(out, "would make   {}", output.display())?;
-    writeln!(
-        out,
-        "volume       {} {} voxels, {}",
-        by(plan.dims_xyz),
-        plan.sample_type,
-        human_bytes(plan.source_bytes)
-    )?;
-    writeln!(
-        out,
-        "bricks       {} of {}^3 + {} overlap, {}",
-        plan.bricks,
-        plan.brick_core,
-        plan.brick_overlap,
-        plan.encoding.name()
-    )?;
-    for level in &plan.levels {
-        writeln!(
-            out,
-            "level {:2}     {} voxels, {} bricks",
-            level.level,
-            by(level.dims_xyz),
-            level.bricks
-        )?;
-    }
-    writeln!(
-        out,
-        "memory       {} of the {} allowed, on {} threads",
-        human_bytes(plan.predicted_memory_bytes),
-        human_bytes(plan.memory_budget_bytes),
-        plan.threads
-    )?;
-    writeln!(out, "scratch      {} at most", human_bytes(plan.scratch_bytes))?;
-    writeln!(out, "store        {} at most", human_bytes(plan.output_bytes_max))
-}
-
-fn print_summary(done: &Conversion, input: &Path, output: &Path) -> io::Result<()> {
-    let metadata = &done.metadata;
-    let mut out = io::stdout().lock();
-    let voxels: u64 = metadata.dims_xyz.iter().product();
-    writeln!(out, "{} -> {}", input.display(), output.display())?;
-    writeln!(
-        out,
-        "  {} {} voxels in {:.2} s: {:.1} million voxels a second",
-        by(metadata.dims_xyz),
-        metadata.sample_type,
-        done.total_secs,
-        voxels as f64 / done.total_secs / 1e6
-    )?;
-    let count =
-        |f: fn(&octree_store::LevelSummary) -> u64| metadata.levels.iter().map(f).sum::<u64>();
-    writeln!(
-        out,
-        "  {} levels, {} bricks stored, {} uniform, {} empty",
-        metadata.levels.len(),
-        count(|level| level.stored),
-        count(|level| level.uniform),
-        count(|level| level.empty)
-    )?;
-    writeln!(
-        out,
-        "  {} in the file, {:.2} bits a voxel, pyramid included",
-        human_bytes(done.file_bytes),
-        bits_per_voxel(metadata, done.file_bytes)
-    )?;
-    writeln!(out, "  {}", super::info::error_line(metadata))?;
-    if metadata.dropped_voxels > 0 {
-        writeln!(out, "  {}", super::info::dropped_line(metadata))?;
-    }
-    if done.resumed_bricks > 0 {
-        writeln!(out, "  {} bricks were there from an earlier run", done.resumed_bricks)?;
-    }
-    if let Some(peak) = done.peak_memory_bytes {
-        writeln!(
-            out,
-            "  own memory {} at its peak, {} predicted",
-            human_bytes(peak),
-            human_bytes(done.plan.predicted_memory_bytes)
-        )?;
-    }
-    Ok(())
 }
