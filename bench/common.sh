@@ -33,7 +33,17 @@ build() {
   octavo=${OCTAVO:-$target/release/octavo}
   phantom="$target/release/phantom"
   [[ -x $octavo ]] || fail "$octavo cannot be run"
+  # A copy, so that a build meanwhile cannot change the program between two runs.
+  cp "$octavo" "$work/octavo"
+  octavo="$work/octavo"
 }
+
+# Which program was measured, and how busy the machine was: a table without them proves little.
+provenance() {
+  echo "octavo: $("$octavo" --version), sha256 $(sha256sum < "$octavo" | cut -c 1-12); load" \
+    "$load_before before, $(cut -d ' ' -f 1 /proc/loadavg) after, of $(nproc) cores"
+}
+load_before=$(cut -d ' ' -f 1 /proc/loadavg)
 
 # Python packages of the peers, into a folder of their own.
 make_venv() {

@@ -42,6 +42,7 @@ for input in "${inputs[@]}"; do
 done
 
 echo "Compressed sources of $size^3 u16, medians of $runs, $(nproc) cores, warm; seconds"
+provenance
 echo
 python3 - "$results" "${inputs[@]}" <<'PY'
 import json, os, sys

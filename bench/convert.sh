@@ -87,6 +87,7 @@ done
 [[ $with_zarrs != failed ]] || remark "zarrs_tools" "could not be installed"
 
 echo "Conversion of $size^3 u16, medians of $runs, $(nproc) cores, warm"
+provenance
 echo
 python3 "$here/peers/table.py" "$results" "$voxels" octavo
 python3 - "$results" <<'PY'

@@ -47,6 +47,7 @@ PY
 done
 
 echo "Cost of a voxel, medians of $runs, $(nproc) cores; warm as far as memory holds the source"
+provenance
 echo
 echo "| volume | octavo, s | octavo, ns a voxel | over the first | roofline on the disk, ns a voxel | octavo's own memory, MB |"
 echo "|---|---|---|---|---|---|"

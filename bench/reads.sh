@@ -5,7 +5,8 @@
 # of 16 bits (blosc-lz4, shards of 256^3, written by tensorstore); Octavo bricks of 36^3, once of 8
 # bits and once lossless, decoded to 16 bits, every payload checked against its checksum. Each program
 # takes the median of five rounds; the programs take turns RUNS times [3] and the median counts.
-# BENCH_DIR, KEEP, OCTAVO: see common.sh.
+# BENCH_DIR, KEEP, OCTAVO: see common.sh; OCTAVO must write the format that this checkout's random_reads
+# reads.
 set -euo pipefail
 source "$(dirname "$0")/common.sh"
 
@@ -31,7 +32,11 @@ median() { sort -n | awk '{ all[NR] = $1 } END { print all[int((NR + 1) / 2)] }'
 random_reads="$target/release/random_reads"
 zarrs_reads="$target/zarrs-reads/release/zarrs-reads"
 
+"$random_reads" "$work/out.u8.octavo" --reads 1 --rounds 1 > "$work/convert.log" 2>&1 ||
+  fail "this checkout's random_reads cannot read what $("$octavo" --version) wrote: $(head -n 1 "$work/convert.log")"
+
 echo "Random reads a second of $size^3 u16, medians, $(nproc) cores, warm"
+provenance
 echo
 echo "| threads | octavo, 8 bits | octavo, lossless | zarrs | 8 bits over zarrs (wanted 1.5) | lossless over zarrs |"
 echo "|---|---|---|---|---|---|"
