@@ -35,14 +35,16 @@ fn sums<T: Sample>(brick: &[T], core: &Core) -> BrickValues {
     if T::TYPE.is_integer() {
         // At most 2^21 values below 2^32 in magnitude: exact in i64 and in f64.
         let mut sum = 0_i64;
-        for row in core.rows().map(|row| &brick[row]) {
-            sum += if size_of::<T>() <= 2 {
-                i64::from(row.iter().map(|v| v.to_i32()).sum::<i32>())
-            } else {
-                row.iter().map(|v| v.to_f64() as i64).sum()
-            };
-            values.finite += row.len() as u64;
+        if size_of::<T>() <= 2 {
+            sum = sum_of_small(brick, core);
+        } else {
+            for row in core.rows() {
+                for v in &brick[row] {
+                    sum += v.to_f64() as i64;
+                }
+            }
         }
+        values.finite = core.extent.iter().map(|&n| n as u64).product();
         values.sum = sum as f64;
     } else {
         let mut sum = CompensatedSum::default();
@@ -57,6 +59,31 @@ fn sums<T: Sample>(brick: &[T], core: &Core) -> BrickValues {
         values.sum = sum.value();
     }
     values
+}
+
+/// The sum of integers up to 16 bits: a slice at a time in as many sums as a vector has lanes.
+#[inline(always)]
+fn sum_of_small<T: Sample>(brick: &[T], core: &Core) -> i64 {
+    let mut sum = 0;
+    for z in 0..core.extent[2] {
+        // At most 128 rows of 4 or fewer values each.
+        let mut lanes = [0_i32; 32];
+        for y in 0..core.extent[1] {
+            let (rows, rest) = brick[core.row(y, z)].as_chunks::<32>();
+            for row in rows {
+                for (lane, v) in lanes.iter_mut().zip(row) {
+                    *lane += v.to_i32();
+                }
+            }
+            for (lane, v) in lanes.iter_mut().zip(rest) {
+                *lane += v.to_i32();
+            }
+        }
+        for lane in lanes {
+            sum += i64::from(lane);
+        }
+    }
+    sum
 }
 
 /// Values of a volume, brick by brick.
@@ -127,6 +154,29 @@ mod tests {
         assert_eq!(volume.min_max, Some((-32768.0, 32767.0)));
         assert_eq!(volume.mean(), Some(-1.0 / 3.0));
         assert_eq!(values(&[u32::MAX; 100]).mean(), Some(f64::from(u32::MAX)));
+    }
+
+    #[test]
+    fn sums_of_small_integers_are_those_of_a_plain_loop() {
+        fn check<T: Sample>(extent: [usize; 3]) {
+            let core = Core { side: 74, overlap: 2, extent };
+            let at = |i: u64| i.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(20).to_le_bytes();
+            let brick: Vec<T> =
+                (0..74 * 74 * 74).map(|i| T::from_le_slice(&at(i)[..size_of::<T>()])).collect();
+            let plain: f64 = core.rows().flat_map(|row| &brick[row]).map(|v| v.to_f64()).sum();
+            let values = BrickValues::of(&brick, &core, None);
+            assert_eq!((values.sum, values.finite), (plain, core.rows().flatten().count() as u64));
+        }
+        for extent in [[70, 70, 70], [32, 32, 32], [31, 1, 5], [1, 7, 1], [64, 3, 2]] {
+            check::<u8>(extent);
+            check::<i8>(extent);
+            check::<u16>(extent);
+            check::<i16>(extent);
+            check::<u32>(extent);
+        }
+        let core = Core { side: 128, overlap: 0, extent: [128; 3] };
+        let values = BrickValues::of(&vec![i16::MIN; 1 << 21], &core, None);
+        assert_eq!(values.sum, -32768.0 * f64::from(1 << 21));
     }
 
     #[test]

@@ -113,7 +113,7 @@ pub fn encode_brick<T: Sample>(
     samples: &[T],
     encoding: Encoding,
     range: Option<(T, T)>,
-    measured: impl Iterator<Item = std::ops::Range<usize>>,
+    measured: impl Iterator<Item = std::ops::Range<usize>> + Clone,
     scratch: &mut EncodeScratch,
 ) -> (NodeRecord, Vec<u8>) {
     // A brick without a finite sample has no range; 0 stands for it.
@@ -154,13 +154,13 @@ pub fn encode_brick<T: Sample>(
             scratch.bytes.resize(samples.len(), 0);
             quantiser.quantise(samples, &mut scratch.bytes);
             record.error = quantiser.errors(samples, &scratch.bytes, measured);
-            payload::compress(&scratch.bytes, &mut record, &mut scratch.packed)
+            payload::compress(&scratch.bytes, &mut record, &mut scratch.packer)
         }
         Encoding::Lossless => {
             count_finite(samples, measured, &mut record.error);
             lossless::shuffle(samples, &mut scratch.bytes);
             record.filter = if size_of::<T>() > 1 { Filter::ByteShuffle } else { Filter::None };
-            payload::compress(&scratch.bytes, &mut record, &mut scratch.packed)
+            payload::compress(&scratch.bytes, &mut record, &mut scratch.packer)
         }
     };
     (record, payload)
@@ -194,5 +194,5 @@ pub fn encode_samples<T: Sample>(
 #[derive(Debug, Default)]
 pub struct EncodeScratch {
     bytes: Vec<u8>,
-    packed: Vec<u8>,
+    packer: payload::Packer,
 }

@@ -3,6 +3,7 @@
 use super::Compression;
 use crate::error::Damage;
 use crate::record::NodeRecord;
+use lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
 use twox_hash::XxHash3_128;
 
 /// What compression must gain to be worth the time of unpacking: 1 in 16.
@@ -14,9 +15,40 @@ fn gains(packed: usize, bytes: usize) -> bool {
 const PIECES: usize = 8;
 const PIECE_SHARE: usize = 64;
 
+/// LZ4's output and its tables, kept from brick to brick.
+#[derive(Default)]
+pub(super) struct Packer {
+    packed: Vec<u8>,
+    /// For up to 64 KiB.
+    small: CompressTable,
+    /// For more, made when first needed.
+    large: Option<CompressTable>,
+}
+
+impl std::fmt::Debug for Packer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Packer").field("packed", &self.packed.len()).finish_non_exhaustive()
+    }
+}
+
+impl Packer {
+    /// The bytes as an LZ4 block; nothing where LZ4 fails, which it does not.
+    fn lz4(&mut self, bytes: &[u8]) -> Option<&[u8]> {
+        self.packed.resize(get_maximum_output_size(bytes.len()), 0);
+        // A small table would turn into a large one by itself, and never back.
+        let table = if bytes.len() < usize::from(u16::MAX) {
+            &mut self.small
+        } else {
+            self.large.get_or_insert_with(CompressTable::large)
+        };
+        let length = compress_into_with_table(bytes, &mut self.packed, table).ok()?;
+        Some(&self.packed[..length])
+    }
+}
+
 /// Whether LZ4 is likely to gain: it is tried on an eighth of the bytes, spread evenly. Noise fills
 /// eight bits in homogeneous bricks, and trying all of it costs more than all other steps together.
-fn worth_trying(bytes: &[u8], packed: &mut Vec<u8>) -> bool {
+fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
     let piece = bytes.len() / PIECE_SHARE;
     if piece < 256 {
         return true;
@@ -28,21 +60,16 @@ fn worth_trying(bytes: &[u8], packed: &mut Vec<u8>) -> bool {
         piece_tried.copy_from_slice(&bytes[start..start + piece]);
     }
     let tried = &tried[..PIECES * piece];
-    packed.resize(lz4_flex::block::get_maximum_output_size(tried.len()), 0);
-    lz4_flex::block::compress_into(tried, packed).is_ok_and(|length| gains(length, tried.len()))
+    packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
 }
 
 /// Compresses a brick's bytes, or keeps them raw where LZ4 gains nothing, and writes compression,
 /// length and checksum into the record.
-pub(super) fn compress(bytes: &[u8], record: &mut NodeRecord, packed: &mut Vec<u8>) -> Vec<u8> {
-    let mut payload = None;
-    if worth_trying(bytes, packed) {
-        packed.resize(lz4_flex::block::get_maximum_output_size(bytes.len()), 0);
-        let length = lz4_flex::block::compress_into(bytes, packed).unwrap_or(bytes.len());
-        payload = gains(length, bytes.len()).then(|| packed[..length].to_vec());
-    }
-    record.compression = if payload.is_some() { Compression::Lz4 } else { Compression::Raw };
-    let payload = payload.unwrap_or_else(|| bytes.to_vec());
+pub(super) fn compress(bytes: &[u8], record: &mut NodeRecord, packer: &mut Packer) -> Vec<u8> {
+    let packed = if worth_trying(bytes, packer) { packer.lz4(bytes) } else { None };
+    let packed = packed.filter(|packed| gains(packed.len(), bytes.len()));
+    record.compression = if packed.is_some() { Compression::Lz4 } else { Compression::Raw };
+    let payload = packed.unwrap_or(bytes).to_vec();
     record.place.length = payload.len() as u32;
     record.payload_checksum = XxHash3_128::oneshot(&payload);
     payload

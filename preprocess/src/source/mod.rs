@@ -331,7 +331,7 @@ impl MappedVoxels<'_> {
     }
 
     /// Reads the row from voxel (x, y, z) of the region on.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn read_row<T: Sample>(&self, [x, y, z]: [u64; 3], out: &mut [T]) {
         let Source { region, file_dims_xyz: [dim_x, dim_y, _], format, .. } = self.source;
         let [x, y, z] = [x + region.min[0], y + region.min[1], z + region.min[2]];

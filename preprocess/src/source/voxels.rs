@@ -28,6 +28,7 @@ impl StoredFormat {
     ///
     /// # Panics
     /// When `T` is not [`StoredFormat::sample_type`].
+    #[inline(always)]
     pub fn read_into<T: Sample>(&self, bytes: &[u8], out: &mut [T]) {
         assert_eq!(T::TYPE, self.sample_type());
         if let Some((slope, intercept)) = self.scaling {
@@ -39,6 +40,7 @@ impl StoredFormat {
         }
     }
 
+    #[inline(always)]
     fn each<S: Sample, T: Sample>(&self, bytes: &[u8], out: &mut [T], value: impl Fn(S) -> T) {
         let stored = bytes.chunks_exact(size_of::<S>());
         if self.big_endian {
