@@ -6,12 +6,12 @@
 //! overlap above it, that row is walked too. So all levels are walked together, with a few dozen
 //! slices of each in memory, and the order does not depend on the number of threads.
 
-use crate::downsample::{Core, StepDeviation, mean, step_deviation};
+use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
 use crate::gather::{Rows, gather};
 use crate::source::{Slices, Source};
 use crate::window::{Chunk, Window, WindowPlace};
-use octree_store::{Geometry, NodeKey, Sample};
+use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
 use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -52,6 +52,8 @@ pub(crate) type Octet<O> = Vec<Visited<O>>;
 pub(crate) struct WalkOptions {
     /// Octets that are computed together, before any of them is handed on.
     pub(crate) batch_octets: usize,
+    /// How a level is made of the one below it.
+    pub(crate) downsample: DownsampleFilter,
     /// For each level above 0, where its window lives.
     pub(crate) window_places: Vec<WindowPlace>,
     /// For a streamed source, where the window of level 0 lives.
@@ -94,7 +96,8 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
             }
         })
         .collect();
-    let walker = Walker { geometry, pool, visitor, batch_octets: options.batch_octets };
+    let WalkOptions { batch_octets, downsample, .. } = *options;
+    let walker = Walker { geometry, pool, visitor, batch_octets, downsample };
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
             walker.walk_row(&mapped, 0, row, &mut levels, sink)?;
@@ -161,6 +164,7 @@ struct Walker<'a, V> {
     pool: &'a ThreadPool,
     visitor: &'a V,
     batch_octets: usize,
+    downsample: DownsampleFilter,
 }
 
 /// What a thread keeps from brick to brick.
@@ -314,7 +318,7 @@ impl<V> Walker<'_, V> {
                 self.visitor.visit(key, &core, &mut scratch.brick, &mut scratch.visitor)?;
             let mut step = StepDeviation::default();
             if coarsen {
-                mean(&scratch.brick, &core, &mut scratch.coarse);
+                downsample(self.downsample, &scratch.brick, &core, &mut scratch.coarse);
                 step = step_deviation(&scratch.brick, &core, &scratch.coarse, geometry, key);
                 let [cx, cy, _] = core.coarse_extent();
                 let octant = key.octant();

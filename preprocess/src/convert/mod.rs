@@ -19,7 +19,9 @@ use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::{Octet, walk};
 use brick::{BrickEncoder, BrickOutput};
-use octree_store::{Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type};
+use octree_store::{
+    DownsampleFilter, Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type,
+};
 use output::Output;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -37,6 +39,8 @@ pub struct ConvertOptions {
     pub brick_overlap: u32,
     /// How bricks are encoded.
     pub encoding: Encoding,
+    /// How a level is made of the one below it.
+    pub downsample: DownsampleFilter,
     /// Bricks whose every sample is below this are dropped.
     pub empty_below: Option<f64>,
     /// Takes the place of NaN in float sources.
@@ -63,6 +67,7 @@ impl Default for ConvertOptions {
             brick_core: 32,
             brick_overlap: 2,
             encoding: Encoding::Quantised8,
+            downsample: DownsampleFilter::default(),
             empty_below: None,
             nan_value: None,
             roi: None,
@@ -190,6 +195,7 @@ pub fn convert(
     metadata.spacing_xyz = source.spacing_xyz;
     metadata.unit = source.unit;
     metadata.affine = source.affine;
+    metadata.downsample = options.downsample;
     metadata.empty_below = rules.empty_below;
     metadata.empty_value = rules.empty_value;
     metadata.value_min = values.min_max.map(|(min, _)| min);

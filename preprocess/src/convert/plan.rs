@@ -211,6 +211,7 @@ fn divide_memory(
     memory += batches(octets) - batches(threads);
     let walk = WalkOptions {
         batch_octets: octets as usize,
+        downsample: options.downsample,
         window_places,
         stream_place,
         stream_chunks_ahead,
