@@ -51,6 +51,30 @@ pub enum DownsampleFilter {
     /// The mean of the 2x2x2 cells that exist; integers round half to even.
     #[default]
     Mean,
+    /// The greatest of the finite cells that exist.
+    Max,
+    /// The least of the finite cells that exist.
+    Min,
+    /// The most frequent of the finite cells that exist, the smallest of several: for labels.
+    Mode,
+    /// The cell at the lowest corner.
+    Nearest,
+}
+
+impl DownsampleFilter {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Mean, Self::Max, Self::Min, Self::Mode, Self::Nearest];
+
+    /// The name used on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::Max => "max",
+            Self::Min => "min",
+            Self::Mode => "mode",
+            Self::Nearest => "nearest",
+        }
+    }
 }
 
 /// What is known of one level. Errors and bounds are in source units.

@@ -67,6 +67,7 @@ pub fn verify_against(
         brick_core: metadata.brick_core,
         brick_overlap: metadata.brick_overlap,
         encoding: metadata.encoding,
+        downsample: metadata.downsample,
         scratch: how.scratch.clone().or_else(|| Some(std::env::temp_dir())),
         ..how.clone()
     };

@@ -10,12 +10,12 @@
 //! touching any voxel, and finds in the windows' slots what the earlier one left there.
 
 use crate::decode::Decoder;
-use crate::downsample::{Core, StepDeviation, mean, step_deviation};
+use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
 use crate::gather::{Rows, gather};
 use crate::source::Source;
 use crate::window::{Chunk, Window, WindowPlace};
-use octree_store::{Geometry, NodeKey, Sample};
+use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -78,6 +78,8 @@ pub(crate) trait Sink<O> {
 pub(crate) struct WalkOptions {
     /// Octets that are being made, or made and waiting for one before them.
     pub(crate) octets_ahead: usize,
+    /// How a level is made of the one below it.
+    pub(crate) downsample: DownsampleFilter,
     /// For each level above 0, where its window lives.
     pub(crate) window_places: Vec<WindowPlace>,
     /// For a source that must be decoded, where the window of level 0 lives.
@@ -154,11 +156,20 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         })
         .collect();
     let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
-    let octets_ahead = options.octets_ahead;
+    let WalkOptions { octets_ahead, downsample, .. } = *options;
     let blocks = Buffers(Mutex::default());
     let checksums = earlier.scratch.is_some();
-    let walker =
-        Walker { geometry, pool, visitor, octets_ahead, payloads, blocks, scratches, checksums };
+    let walker = Walker {
+        geometry,
+        pool,
+        visitor,
+        octets_ahead,
+        downsample,
+        payloads,
+        blocks,
+        scratches,
+        checksums,
+    };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
@@ -225,6 +236,7 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     pool: &'a ThreadPool,
     visitor: &'a V,
     octets_ahead: usize,
+    downsample: DownsampleFilter,
     payloads: &'a Buffers<u8>,
     /// Parents' cores, to be used again.
     blocks: Buffers<T>,
@@ -400,7 +412,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
             let output = self.visitor.visit(key, &core, brick, visitor, &mut octet.payloads)?;
             let mut step = StepDeviation::default();
             if coarsen {
-                mean(brick, &core, coarse);
+                downsample(self.downsample, brick, &core, coarse);
                 step = step_deviation(brick, &core, coarse, geometry, key);
                 let [cx, cy, _] = core.coarse_extent();
                 let octant = key.octant();

@@ -198,13 +198,12 @@ impl ErrorLanes {
             let decoded = from_least(decoded_integer::<T>(min, range, codes[i]));
             errors[i] = decoded.abs_diff(from_least(samples[i]));
         }
-        for i in 0..N {
-            self.largest[i] = self.largest[i].max(errors[i]);
+        for (largest, error) in self.largest.iter_mut().zip(errors) {
+            *largest = error.max(*largest);
         }
-        for i in 0..N {
+        for (sum, error) in self.squares.iter_mut().zip(errors) {
             // Not above 255: see `exact` below.
-            let square = errors[i].wrapping_mul(errors[i]);
-            self.squares[i] = self.squares[i].wrapping_add(u32::from(square));
+            *sum = sum.wrapping_add(u32::from(error.wrapping_mul(error)));
         }
     }
 }
@@ -250,7 +249,8 @@ fn errors_of_integers<T: Sample>(
         squares += u64::from(lanes.squares[i]);
         largest = lanes.largest[i].max(largest);
     }
-    let exact = largest <= 255 && added as u64 * u64::from(largest).pow(2) <= u64::from(u32::MAX);
+    let sum_bound = added as u64 * u64::from(largest).pow(2);
+    let exact = largest <= 255 && u32::try_from(sum_bound).is_ok();
     exact.then(|| ErrorSum { voxels, squares: squares as f64, amax: f64::from(largest) })
 }
 
@@ -403,7 +403,7 @@ mod tests {
         codes: &[u8],
     ) {
         let n = samples.len();
-        for spans in [vec![0..n], vec![n / 5..n / 3, n / 2..n], vec![0..n.min(33), 0..n.min(7)]] {
+        for spans in [[0..n, 0..0], [n / 5..n / 3, n / 2..n], [0..n.min(33), 0..n.min(7)]] {
             let spans = spans.into_iter();
             let twin = quantiser.errors_by_table(samples, codes, spans.clone());
             assert_eq!(quantiser.errors(samples, codes, spans), twin);

@@ -24,7 +24,9 @@ use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
 use brick::BrickEncoder;
-use octree_store::{Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type};
+use octree_store::{
+    DownsampleFilter, Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type,
+};
 use output::Output;
 use resume::{Kept, State};
 use std::collections::BTreeMap;
@@ -44,6 +46,8 @@ pub struct ConvertOptions {
     pub brick_overlap: u32,
     /// How bricks are encoded.
     pub encoding: Encoding,
+    /// How a level is made of the one below it.
+    pub downsample: DownsampleFilter,
     /// Bricks whose every sample is below this are dropped.
     pub empty_below: Option<f64>,
     /// Takes the place of NaN in float sources.
@@ -72,6 +76,7 @@ impl Default for ConvertOptions {
             brick_core: 32,
             brick_overlap: 2,
             encoding: Encoding::Quantised8,
+            downsample: DownsampleFilter::default(),
             empty_below: None,
             nan_value: None,
             roi: None,
@@ -121,6 +126,7 @@ impl ConvertOptions {
             "affine": source.affine.map(|rows| rows.map(|row| row.map(f64::to_bits))),
             "sample_type": source.sample_type(),
             "encoding": self.encoding,
+            "downsample": self.downsample,
             "brick": [self.brick_core, self.brick_overlap],
             "empty_below": self.empty_below.map(f64::to_bits),
             "options": self.recorded(),
@@ -231,6 +237,7 @@ pub fn convert(
     metadata.spacing_xyz = source.spacing_xyz;
     metadata.unit = source.unit;
     metadata.affine = source.affine;
+    metadata.downsample = options.downsample;
     metadata.empty_below = rules.empty_below;
     metadata.empty_value = rules.empty_value;
     describe_values(&mut metadata, &values);

@@ -246,6 +246,7 @@ fn divide_memory(
     }
     let walk = WalkOptions {
         octets_ahead: (threads * AHEAD_PER_THREAD) as usize,
+        downsample: options.downsample,
         window_places: window_places.to_vec(),
         stream_place,
         stream_chunk,

@@ -226,8 +226,8 @@ impl DeviationLanes {
         for i in 0..FINE {
             deviations[i] = from_least(fine[i]).abs_diff(doubled[i]);
         }
-        for i in 0..FINE {
-            self.largest[i] = self.largest[i].max(deviations[i]);
+        for (largest, deviation) in self.largest.iter_mut().zip(deviations) {
+            *largest = deviation.max(*largest);
         }
         for i in 0..COARSE {
             // Below 2^15, else the sum is not used; then this is one instruction.

@@ -3,29 +3,16 @@
 //! Integers round half to even, so that repeated halving has no bias. In float volumes the mean is
 //! over the finite cells; where there is none it is the IEEE mean of all.
 
-use super::Core;
+use super::Blocks;
 use multiversion::multiversion;
 use octree_store::Sample;
 
-/// Writes the mean of every 2x2x2 block of a brick's core; `coarse` becomes
-/// [`Core::coarse_extent`] cells, x fastest.
+/// Writes the mean of every block.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
-pub(crate) fn mean<T: Sample>(brick: &[T], core: &Core, coarse: &mut Vec<T>) {
-    let [cx, cy, cz] = core.coarse_extent();
-    coarse.clear();
-    coarse.resize(cx * cy * cz, T::default());
-    let [nx, ny, nz] = core.extent;
-    for (i, out) in coarse.chunks_exact_mut(cx).enumerate() {
-        let (y, z) = (2 * (i % cy), 2 * (i / cy));
-        let (ys, zs) = ((ny - y).min(2), (nz - z).min(2));
-        let mut rows = [&brick[..0]; 4];
-        let mut count = 0;
-        for dz in 0..zs {
-            for dy in 0..ys {
-                rows[count] = &brick[core.row(y + dy, z + dz)];
-                count += 1;
-            }
-        }
+pub(super) fn mean<T: Sample>(blocks: Blocks<'_, T>, coarse: &mut [T]) {
+    for (i, out) in coarse.chunks_exact_mut(blocks.width()).enumerate() {
+        let (rows, count) = blocks.rows(i);
+        let nx = rows[0].len();
         let (pairs, odd) = out.split_at_mut(nx / 2);
         match (count, T::TYPE.is_integer() && size_of::<T>() <= 2) {
             (4, true) => mean_of_rows(rows, pairs),

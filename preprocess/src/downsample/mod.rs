@@ -1,12 +1,14 @@
 //! One step of the pyramid: 2x2x2 cells become one, and how far the coarse cell lies from the fine.
 
 mod deviation;
+mod extremum;
 mod mean;
+mod mode;
+mod nearest;
 
 pub(crate) use deviation::{StepDeviation, step_deviation};
-pub(crate) use mean::mean;
 
-use octree_store::{Geometry, NodeKey};
+use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 
 /// A brick's in-volume core, as a box inside the brick's samples.
 #[derive(Debug, Clone, Copy)]
@@ -47,6 +49,73 @@ impl Core {
     }
 }
 
+/// Writes one cell for every 2x2x2 block of a brick's core; `coarse` becomes
+/// [`Core::coarse_extent`] cells, x fastest.
+pub(crate) fn downsample<T: Sample>(
+    filter: DownsampleFilter,
+    brick: &[T],
+    core: &Core,
+    coarse: &mut Vec<T>,
+) {
+    coarse.clear();
+    coarse.resize(core.coarse_extent().iter().product(), T::default());
+    let blocks = Blocks { brick, core };
+    match filter {
+        DownsampleFilter::Mean => mean::mean(blocks, coarse),
+        DownsampleFilter::Max => extremum::extremum::<T, true>(blocks, coarse),
+        DownsampleFilter::Min => extremum::extremum::<T, false>(blocks, coarse),
+        DownsampleFilter::Mode => mode::mode(blocks, coarse),
+        DownsampleFilter::Nearest => nearest::nearest(blocks, coarse),
+    }
+}
+
+/// The 2x2x2 blocks of a brick's core. At an odd edge a block has four, two or one cell.
+#[derive(Debug, Clone, Copy)]
+struct Blocks<'a, T> {
+    brick: &'a [T],
+    core: &'a Core,
+}
+
+impl<'a, T: Sample> Blocks<'a, T> {
+    /// Blocks along x.
+    #[inline(always)]
+    fn width(&self) -> usize {
+        self.core.coarse_extent()[0]
+    }
+
+    /// The up to four rows of cells that row `i` of blocks has, y faster than z, and their number.
+    #[inline(always)]
+    fn rows(&self, i: usize) -> ([&'a [T]; 4], usize) {
+        let [_, ny, nz] = self.core.extent;
+        let cy = ny.div_ceil(2);
+        let (y, z) = (2 * (i % cy), 2 * (i / cy));
+        let mut rows = [&self.brick[..0]; 4];
+        let mut count = 0;
+        for z in z..(z + 2).min(nz) {
+            for y in y..(y + 2).min(ny) {
+                rows[count] = &self.brick[self.core.row(y, z)];
+                count += 1;
+            }
+        }
+        (rows, count)
+    }
+
+    /// The up to eight cells of block `x` of row `i`, x fastest, and their number.
+    #[inline(always)]
+    fn cells(&self, i: usize, x: usize) -> ([T; 8], usize) {
+        let (rows, count) = self.rows(i);
+        let mut cells = [T::default(); 8];
+        let mut found = 0;
+        for row in &rows[..count] {
+            for &cell in &row[2 * x..(2 * x + 2).min(row.len())] {
+                cells[found] = cell;
+                found += 1;
+            }
+        }
+        (cells, found)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -67,7 +136,7 @@ mod tests {
     fn check<T: Sample>(geometry: &Geometry, key: NodeKey, brick: &[T]) {
         let core = Core::of(geometry, key);
         let mut coarse = Vec::new();
-        mean(brick, &core, &mut coarse);
+        downsample(DownsampleFilter::Mean, brick, &core, &mut coarse);
         let [cx, cy, cz] = core.coarse_extent();
         let at = |[x, y, z]: [usize; 3]| brick[core.row(y, z)][x].to_f64();
         let (mut twin_squares, mut twin_amax) = (0.0, 0.0_f64);
@@ -120,6 +189,81 @@ mod tests {
             check(&geometry, key, &(0..n).map(|_| next() as u16).collect::<Vec<_>>());
             check(&geometry, key, &(0..n).map(|_| next() as u32).collect::<Vec<_>>());
             check(&geometry, key, &(0..n).map(|_| next() as i32).collect::<Vec<_>>());
+        }
+    }
+
+    /// A block's cell by the filter's definition.
+    fn twin<T: Sample>(filter: DownsampleFilter, cells: &[T]) -> T {
+        let chosen =
+            |pick: fn(&T) -> bool| -> Vec<T> { cells.iter().copied().filter(pick).collect() };
+        let mut finite = chosen(|cell| cell.is_finite());
+        finite.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        let mut ordered = if finite.is_empty() { chosen(|cell| !cell.is_nan()) } else { finite };
+        ordered.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        match filter {
+            DownsampleFilter::Nearest => cells[0],
+            DownsampleFilter::Max => ordered.last().copied().unwrap_or(cells[0]),
+            DownsampleFilter::Min => ordered.first().copied().unwrap_or(cells[0]),
+            DownsampleFilter::Mode if !ordered.iter().any(|cell| cell.is_finite()) => cells[0],
+            DownsampleFilter::Mode => {
+                let runs: Vec<_> = ordered.chunk_by(|a, b| a == b).collect();
+                let most = runs.iter().map(|run| run.len()).max().unwrap();
+                runs.iter().find(|run| run.len() == most).unwrap()[0]
+            }
+            DownsampleFilter::Mean => {
+                let of = if ordered.iter().any(|cell| cell.is_finite()) { &ordered } else { cells };
+                T::from_f64(of.iter().map(|cell| cell.to_f64()).sum::<f64>() / of.len() as f64)
+            }
+        }
+    }
+
+    fn assert_twins<T: Sample>(geometry: &Geometry, key: NodeKey, bits: &[u8]) {
+        let core = Core::of(geometry, key);
+        // Few values, so that some come more than once, and the extremes of the type.
+        let mut values: Vec<T> = (0..5).map(T::from_i32).collect();
+        values.push(T::from_i32(if T::LEAST.to_f64() < 0.0 { -3 } else { 9 }));
+        if T::TYPE.is_integer() {
+            values.extend([T::LEAST, T::GREATEST]);
+        } else {
+            values.extend([f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::NAN].map(T::from_f64));
+        }
+        let brick: Vec<T> = (0..geometry.brick_samples())
+            .map(|i| values[usize::from(bits[i % bits.len()]) % values.len()])
+            .collect();
+        let [cx, cy, _] = core.coarse_extent();
+        let mut coarse = Vec::new();
+        for filter in DownsampleFilter::ALL {
+            downsample(filter, &brick, &core, &mut coarse);
+            for (i, &cell) in coarse.iter().enumerate() {
+                let [x, y, z] = [i % cx, i / cx % cy, i / cx / cy];
+                let cells: Vec<T> = (0..8)
+                    .map(|o| [2 * x + (o & 1), 2 * y + (o >> 1 & 1), 2 * z + (o >> 2)])
+                    .filter(|at| (0..3).all(|axis| at[axis] < core.extent[axis]))
+                    .map(|[x, y, z]| brick[core.row(y, z)][x])
+                    .collect();
+                let twin = twin(filter, &cells);
+                assert!(cell == twin || cell.is_nan() && twin.is_nan(), "{filter:?} {cells:?}");
+                let new = !cells.iter().any(|other| other.same_bits(cell));
+                assert!(filter == DownsampleFilter::Mean || !new, "{filter:?} made {cell}");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn every_filter_equals_its_naive_twin(
+            dims in [1_u64..40, 1_u64..40, 1_u64..40], half_core in 4_u32..8,
+            bits in proptest::collection::vec(any::<u8>(), 200..999),
+        ) {
+            let geometry = Geometry::new(dims, 2 * half_core, 1).unwrap();
+            for brick in [[0; 3], geometry.grid_at(0).map(|n| n - 1)] {
+                let key = NodeKey::new(0, brick);
+                for sample_type in octree_store::SampleType::ALL {
+                    octree_store::with_sample_type!(sample_type, T => {
+                        assert_twins::<T>(&geometry, key, &bits);
+                    });
+                }
+            }
         }
     }
 }

@@ -1,7 +1,9 @@
 //! The errors that a store reports are the errors that it has, and within their bounds.
 
-use crate::support::{converted, index, keys, pyramid, scan, small_bricks};
-use octree_store::{BrickScratch, Encoding, Sample, SampleType, with_sample_type};
+use crate::support::{converted, index, keys, pyramid, pyramid_of, scan, small_bricks};
+use octree_store::{
+    BrickScratch, DownsampleFilter, Encoding, Sample, SampleType, with_sample_type,
+};
 use preprocess::export::{ExportFormat, export};
 use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, Volume, verify_against};
 
@@ -113,9 +115,16 @@ fn what_is_extracted_stays_within_amax() {
 #[test]
 fn every_level_lies_within_its_bound_of_full_resolution() {
     let dims = [37, 50, 21];
-    let made = converted(dims, scan::<u16>(dims, 3), &small_bricks(Encoding::Lossless));
+    for filter in DownsampleFilter::ALL {
+        assert_within_bound(dims, filter);
+    }
+}
+
+fn assert_within_bound(dims: [u64; 3], filter: DownsampleFilter) {
+    let options = ConvertOptions { downsample: filter, ..small_bricks(Encoding::Lossless) };
+    let made = converted(dims, scan::<u16>(dims, 3), &options);
     let geometry = made.store.geometry();
-    let levels = pyramid(dims, &made.voxels, geometry.top_level() + 1);
+    let levels = pyramid_of(filter, dims, &made.voxels, geometry.top_level() + 1);
     for key in keys(geometry) {
         let record = made.store.node(key).unwrap();
         let (level, level_dims) = (key.level(), geometry.dims_at(key.level()));

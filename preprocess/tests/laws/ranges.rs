@@ -1,7 +1,7 @@
 //! Ranges and emptiness: no test on a node's range may lose what lies beneath it.
 
 use crate::support::{converted, keys, scan, small_bricks, voxels};
-use octree_store::{BrickScratch, BrickState, Encoding, NodeKey, Sample, Store};
+use octree_store::{BrickScratch, BrickState, DownsampleFilter, Encoding, NodeKey, Sample, Store};
 use preprocess::ConvertOptions;
 
 /// Every sample beneath every node lies in the node's subtree range, whatever is read.
@@ -34,8 +34,10 @@ fn assert_ranges_hold<T: Sample>(store: &Store) {
 fn subtree_ranges_hold_every_sample_beneath() {
     let dims = [40, 33, 27];
     for encoding in [Encoding::Quantised8, Encoding::Lossless] {
-        for empty_below in [None, Some(9000.0)] {
-            let options = ConvertOptions { empty_below, ..small_bricks(encoding) };
+        let filters = DownsampleFilter::ALL.into_iter().map(|filter| (filter, Some(9000.0)));
+        let mean = DownsampleFilter::Mean;
+        for (downsample, empty_below) in filters.chain([(mean, None)]) {
+            let options = ConvertOptions { empty_below, downsample, ..small_bricks(encoding) };
             let made = converted(dims, scan::<u16>(dims, 1), &options);
             assert_ranges_hold::<u16>(&made.store);
             let made = converted(dims, scan::<i16>(dims, 1), &options);

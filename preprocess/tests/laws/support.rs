@@ -1,6 +1,6 @@
 //! Volumes made up for a test, and their conversion.
 
-use octree_store::{Encoding, Geometry, NodeKey, Sample, Store};
+use octree_store::{DownsampleFilter, Encoding, Geometry, NodeKey, Sample, Store};
 use preprocess::{Conversion, ConvertOptions, NoProgress, Source, SourceOptions, convert};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -86,9 +86,18 @@ pub(crate) fn keys(geometry: &Geometry) -> Vec<NodeKey> {
     keys
 }
 
-/// The pyramid by its definition: each level the mean of the 2x2x2 cells that exist below, integers
-/// to the nearest and ties to the even side.
+/// The pyramid of means.
 pub(crate) fn pyramid<T: Sample>(dims: [u64; 3], level0: &[T], levels: u8) -> Vec<Vec<T>> {
+    pyramid_of(DownsampleFilter::Mean, dims, level0, levels)
+}
+
+/// The pyramid by its definition: each cell made of the 2x2x2 cells that exist below.
+pub(crate) fn pyramid_of<T: Sample>(
+    filter: DownsampleFilter,
+    dims: [u64; 3],
+    level0: &[T],
+    levels: u8,
+) -> Vec<Vec<T>> {
     let mut pyramid = vec![level0.to_vec()];
     let mut below_dims = dims;
     for _ in 1..levels {
@@ -101,20 +110,39 @@ pub(crate) fn pyramid<T: Sample>(dims: [u64; 3], level0: &[T], levels: u8) -> Ve
                     for dx in 0..2 {
                         let at = [2 * x + dx, 2 * y + dy, 2 * z + dz];
                         if (0..3).all(|axis| at[axis] < below_dims[axis]) {
-                            cells.push(below[index(below_dims, at)].to_f64());
+                            cells.push(below[index(below_dims, at)]);
                         }
                     }
                 }
             }
-            let finite: Vec<f64> = cells.iter().copied().filter(|v| v.is_finite()).collect();
-            let cells = if finite.is_empty() { cells } else { finite };
-            // Eight integers of 32 bits and their mean are exact in f64.
-            T::from_f64(cells.iter().sum::<f64>() / cells.len() as f64)
+            cell_of(filter, &cells)
         });
         pyramid.push(level);
         below_dims = dims;
     }
     pyramid
+}
+
+/// What a filter makes of cells of which some are finite or all are the same.
+fn cell_of<T: Sample>(filter: DownsampleFilter, cells: &[T]) -> T {
+    let finite: Vec<T> = cells.iter().copied().filter(|v| v.is_finite()).collect();
+    let of = if finite.is_empty() { cells } else { &finite };
+    let by_value = |a: &&T, b: &&T| a.to_f64().total_cmp(&b.to_f64());
+    match filter {
+        // Integers to the nearest, ties to the even side: eight integers of 32 bits and their mean
+        // are exact in f64.
+        DownsampleFilter::Mean => {
+            T::from_f64(of.iter().map(|v| v.to_f64()).sum::<f64>() / of.len() as f64)
+        }
+        DownsampleFilter::Max => *of.iter().max_by(by_value).unwrap(),
+        DownsampleFilter::Min => *of.iter().min_by(by_value).unwrap(),
+        DownsampleFilter::Mode => {
+            let count = |v: &T| of.iter().filter(|other| *other == v).count();
+            let most = of.iter().map(count).max().unwrap_or(0);
+            *of.iter().filter(|v| count(v) == most).min_by(by_value).unwrap()
+        }
+        DownsampleFilter::Nearest => cells[0],
+    }
 }
 
 /// Sizes at which things go wrong: one voxel, one slice, one row, one over and one under a brick.

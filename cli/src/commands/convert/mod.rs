@@ -9,7 +9,7 @@ use crate::exit::Answer;
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
-use octree_store::{Encoding, LengthUnit, Region};
+use octree_store::{DownsampleFilter, Encoding, LengthUnit, Region};
 use preprocess::PreprocessError;
 use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
 use report::Report;
@@ -61,6 +61,10 @@ pub(super) struct Convert {
     /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact
     #[arg(long, value_enum, default_value_t = EncodingName::U8)]
     encoding: EncodingName,
+    /// How a level is made of the one below it: the mean, greatest, least or most frequent of
+    /// 2x2x2 cells (mode keeps labels exact), or the one at the lowest corner (nearest)
+    #[arg(long, value_enum, default_value_t = DownsampleName::Mean)]
+    downsample: DownsampleName,
     /// Drop bricks whose every voxel is below this
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     empty_below: Option<f64>,
@@ -107,6 +111,15 @@ struct Job {
 enum EncodingName {
     U8,
     Lossless,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DownsampleName {
+    Mean,
+    Max,
+    Min,
+    Mode,
+    Nearest,
 }
 
 impl Convert {
@@ -229,6 +242,13 @@ impl Convert {
             encoding: match self.encoding {
                 EncodingName::U8 => Encoding::Quantised8,
                 EncodingName::Lossless => Encoding::Lossless,
+            },
+            downsample: match self.downsample {
+                DownsampleName::Mean => DownsampleFilter::Mean,
+                DownsampleName::Max => DownsampleFilter::Max,
+                DownsampleName::Min => DownsampleFilter::Min,
+                DownsampleName::Mode => DownsampleFilter::Mode,
+                DownsampleName::Nearest => DownsampleFilter::Nearest,
             },
             empty_below: self.empty_below,
             nan_value: self.nan_value,
