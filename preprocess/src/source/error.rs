@@ -1,6 +1,8 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
 use super::nifti_header::NiftiHeaderError;
+use super::stack::{PngError, StackError};
+use super::tiff::{TiffError, TiffPlace};
 use octree_store::{GeometryError, SampleType, StoreError, is_denied};
 use std::io;
 use std::path::PathBuf;
@@ -23,16 +25,10 @@ pub enum SourceError {
         /// The path.
         path: PathBuf,
     },
-    /// A folder was given where a file is expected.
-    #[error("{}: this is a folder, and a volume file was expected", path.display())]
-    Folder {
-        /// The path.
-        path: PathBuf,
-    },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
-        .hdr, .img (or their .gz) or NAME_XxYxZ_TYPE.raw; for another raw file give --dims X,Y,Z and \
-        --dtype TYPE", path.display())]
+        .hdr, .img (or their .gz), .tif, .tiff, .png or NAME_XxYxZ_TYPE.raw, or a folder of slices; for \
+        another raw file give --dims X,Y,Z and --dtype TYPE", path.display())]
     UnknownKind {
         /// The file.
         path: PathBuf,
@@ -159,6 +155,32 @@ pub enum SourceError {
         max: [u64; 3],
         /// The volume's dimensions.
         dims_xyz: [u64; 3],
+    },
+    /// The TIFF file cannot be used.
+    #[error("{}: {place}{source}", path.display())]
+    Tiff {
+        /// The file.
+        path: PathBuf,
+        /// Which part of it.
+        place: TiffPlace,
+        /// Why not.
+        source: TiffError,
+    },
+    /// The PNG file cannot be used.
+    #[error("{}: {source}", path.display())]
+    Png {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: PngError,
+    },
+    /// A folder or a pattern gives no volume.
+    #[error("{}: {source}", path.display())]
+    Stack {
+        /// The folder or the pattern.
+        path: PathBuf,
+        /// Why not.
+        source: StackError,
     },
     /// A store that is read as a volume.
     #[error(transparent)]

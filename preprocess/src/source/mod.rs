@@ -12,17 +12,22 @@ pub mod nifti_header;
 mod raw;
 mod raw_name;
 mod slice_files;
+mod stack;
 mod stream;
+mod tiff;
 mod voxels;
 
 pub use error::SourceError;
 pub use raw_name::RawName;
 pub(crate) use slice_files::SliceFiles;
+pub use stack::{PngError, StackError};
 pub(crate) use stream::{StreamCoding, StreamPlace, VoxelStream};
+pub use tiff::{TiffError, TiffPlace};
 pub use voxels::StoredFormat;
 
 use memmap2::Mmap;
 use octree_store::{Geometry, LengthUnit, Region, Sample, SampleType, SourceDescription};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// What the user said of the input.
@@ -40,6 +45,8 @@ pub struct SourceOptions {
     pub time: Option<u64>,
     /// The channel, from 0.
     pub channel: Option<u64>,
+    /// Whether a series of files may lack numbers, or have names whose order is not certain.
+    pub allow_gaps: bool,
 }
 
 impl SourceOptions {
@@ -48,6 +55,52 @@ impl SourceOptions {
             || self.sample_type.is_some()
             || self.big_endian
             || self.skip.is_some()
+    }
+}
+
+/// What a path is opened as.
+#[derive(Debug, Clone, Copy)]
+enum Format {
+    Nifti,
+    Tiff,
+    Png,
+    /// A folder or a pattern.
+    Stack(&'static str),
+    Raw,
+}
+
+impl Format {
+    /// By the name's ending; by the first bytes where the name says nothing.
+    fn of_file(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
+        if nifti::is_name(path) {
+            return Ok(Self::Nifti);
+        } else if tiff::is_name(path) {
+            return Ok(Self::Tiff);
+        } else if stack::is_png_name(path) {
+            return Ok(Self::Png);
+        } else if options.any_raw() || raw::is_name(path) {
+            return Ok(Self::Raw);
+        }
+        let mut start = Vec::new();
+        std::fs::File::open(path)
+            .and_then(|file| file.take(8).read_to_end(&mut start))
+            .map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
+        Ok(match start.as_slice() {
+            start if tiff::is_magic(start) => Self::Tiff,
+            start if stack::is_png_magic(start) => Self::Png,
+            _ => Self::Raw,
+        })
+    }
+
+    /// What a message calls it, where it says its dimensions itself.
+    fn kind(self) -> Option<&'static str> {
+        match self {
+            Self::Nifti => Some("a NIfTI file"),
+            Self::Tiff => Some("a TIFF file"),
+            Self::Png => Some("a PNG file"),
+            Self::Stack(kind) => Some(kind),
+            Self::Raw => None,
+        }
     }
 }
 
@@ -129,29 +182,33 @@ impl From<Found> for Source {
 }
 
 impl Source {
-    /// Opens a volume file by its name's ending.
+    /// Opens a volume file by its name's ending or its first bytes, a folder of slices, or a pattern
+    /// such as `scan/slice_*.tif`. A file or folder whose name is a pattern is taken for itself.
     ///
     /// # Errors
     /// When there is no such file, its kind is unknown, or it is not a volume that can be read.
     pub fn open(path: impl AsRef<Path>, options: &SourceOptions) -> Result<Self, SourceError> {
         let path = path.as_ref();
-        match std::fs::metadata(path) {
-            Ok(metadata) if metadata.is_dir() => {
-                return Err(SourceError::Folder { path: path.to_owned() });
-            }
-            Ok(_) => {}
+        let format = match std::fs::metadata(path) {
+            Ok(metadata) if metadata.is_dir() => Format::Stack("a folder"),
+            Ok(_) => Format::of_file(path, options)?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                return Err(SourceError::Missing { path: path.to_owned() });
+                if !stack::is_pattern(path) {
+                    return Err(SourceError::Missing { path: path.to_owned() });
+                }
+                Format::Stack("a pattern")
             }
             Err(source) => return Err(SourceError::Io { path: path.to_owned(), source }),
+        };
+        if let Some(kind) = format.kind().filter(|_| options.any_raw()) {
+            return Err(SourceError::NotRaw { path: path.to_owned(), kind });
         }
-        if nifti::is_name(path) {
-            if options.any_raw() {
-                return Err(SourceError::NotRaw { path: path.to_owned(), kind: "a NIfTI file" });
-            }
-            nifti::open(path, options)
-        } else {
-            raw::open(path, options)
+        match format {
+            Format::Nifti => nifti::open(path, options),
+            Format::Tiff => tiff::open(path, options),
+            Format::Png => stack::open_png(path, options),
+            Format::Stack(_) => stack::open(path, options),
+            Format::Raw => raw::open(path, options),
         }
     }
 
