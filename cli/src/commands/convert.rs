@@ -6,7 +6,7 @@ use crate::info_json::{InfoJson, bits_per_voxel};
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
-use octree_store::{DownsampleFilter, Encoding, LengthUnit, Region};
+use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, Region};
 use preprocess::PreprocessError;
 use preprocess::{Conversion, ConversionPlan, ConvertOptions, Source, convert};
 use serde::Serialize;
@@ -48,6 +48,10 @@ pub(super) struct Convert {
     /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact
     #[arg(long, value_enum, default_value_t = EncodingName::U8)]
     encoding: EncodingName,
+    /// How much work goes into a small store: fast stores bricks as they are, balanced tries LZ4,
+    /// small uses Zstandard
+    #[arg(long, value_enum, default_value_t = EffortName::Balanced)]
+    effort: EffortName,
     /// How a level is made of the one below it: the mean, greatest, least or most frequent of
     /// 2x2x2 cells (mode keeps labels exact), or the one at the lowest corner (nearest)
     #[arg(long, value_enum, default_value_t = DownsampleName::Mean)]
@@ -88,6 +92,13 @@ pub(super) struct Convert {
 enum EncodingName {
     U8,
     Lossless,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum EffortName {
+    Fast,
+    Balanced,
+    Small,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -179,6 +190,11 @@ impl Convert {
             encoding: match self.encoding {
                 EncodingName::U8 => Encoding::Quantised8,
                 EncodingName::Lossless => Encoding::Lossless,
+            },
+            effort: match self.effort {
+                EffortName::Fast => Effort::Fast,
+                EffortName::Balanced => Effort::Balanced,
+                EffortName::Small => Effort::Small,
             },
             downsample: match self.downsample {
                 DownsampleName::Mean => DownsampleFilter::Mean,

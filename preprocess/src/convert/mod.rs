@@ -20,7 +20,8 @@ use crate::value_stats::VolumeValues;
 use crate::walk::{Octet, walk};
 use brick::{BrickEncoder, BrickOutput};
 use octree_store::{
-    DownsampleFilter, Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type,
+    DownsampleFilter, Effort, Encoding, Metadata, Region, Sample, SampleType, StoreWriter,
+    with_sample_type,
 };
 use output::Output;
 use std::collections::BTreeMap;
@@ -39,6 +40,8 @@ pub struct ConvertOptions {
     pub brick_overlap: u32,
     /// How bricks are encoded.
     pub encoding: Encoding,
+    /// How much work goes into making payloads small.
+    pub effort: Effort,
     /// How a level is made of the one below it.
     pub downsample: DownsampleFilter,
     /// Bricks whose every sample is below this are dropped.
@@ -67,6 +70,7 @@ impl Default for ConvertOptions {
             brick_core: 32,
             brick_overlap: 2,
             encoding: Encoding::Quantised8,
+            effort: Effort::default(),
             downsample: DownsampleFilter::default(),
             empty_below: None,
             nan_value: None,
@@ -117,6 +121,9 @@ impl ConvertOptions {
             if let Some(chosen) = chosen {
                 options.insert(name.into(), chosen.into());
             }
+        }
+        if self.effort != Effort::default() {
+            options.insert("effort".into(), self.effort.name().into());
         }
         if let Some(Region { min, max }) = self.roi {
             options.insert("roi".into(), serde_json::json!([min, max]));
@@ -184,7 +191,8 @@ pub fn convert(
     let plan = ConversionPlan::new(source, output, options)?;
     let input = Path::new(&source.description.path);
     let mut place = Output::prepare(output, input, options.force)?;
-    let encoder = BrickEncoder { encoding: options.encoding, rules: &rules };
+    let encoder =
+        BrickEncoder { encoding: options.encoding, effort: options.effort, rules: &rules };
     let mut writer = StoreWriter::create(place.partial())?;
     place.made();
     let (values, writer_busy_secs) = with_sample_type!(source.sample_type(), T => {

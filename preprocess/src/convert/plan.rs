@@ -7,7 +7,9 @@ use crate::error::PreprocessError;
 use crate::source::Source;
 use crate::walk::{STREAM_CHUNK, WalkOptions, level_window_chunks, stream_window_chunks};
 use crate::window::{Window, WindowPlace};
-use octree_store::{Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type};
+use octree_store::{
+    Effort, Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -155,8 +157,10 @@ fn divide_memory(
     let brick = geometry.brick_samples() as u64 * sample_bytes;
     let coded = coded_bytes(geometry, options.encoding, sample_bytes);
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
-    // Gathered samples, means, codes, and room for LZ4 to fail in.
-    let thread_bytes = brick + core / 8 + coded + coded * 11 / 10 + (64 << 10);
+    // What Zstandard keeps at its first level.
+    let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };
+    // Gathered samples, means, codes, and room for compression to fail in.
+    let thread_bytes = brick + core / 8 + coded + coded * 11 / 10 + (64 << 10) + zstd;
     let octet_bytes = 8 * (coded + 256) + core;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
     let batches = |octets: u64| (BATCHES * octets).min(all_octets) * octet_bytes;
