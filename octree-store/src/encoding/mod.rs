@@ -3,9 +3,12 @@
 //! An encoding turns samples into bytes ([`quantised8`], [`lossless`]), a filter arranges them, a
 //! compression packs them ([`payload`]). Each has an id in FORMAT.md.
 
+mod effort;
 pub mod lossless;
 pub mod payload;
 pub mod quantised8;
+
+pub use effort::Effort;
 
 use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;
@@ -74,12 +77,14 @@ pub enum Compression {
     Raw = 0,
     /// One LZ4 block without a length prefix.
     Lz4 = 1,
+    /// One Zstandard frame.
+    Zstd = 2,
 }
 
 impl Compression {
     /// The compression with this id in FORMAT.md.
     pub fn from_id(id: u8) -> Option<Self> {
-        [Self::Raw, Self::Lz4].into_iter().find(|compression| *compression as u8 == id)
+        [Self::Raw, Self::Lz4, Self::Zstd].into_iter().find(|compression| *compression as u8 == id)
     }
 }
 
@@ -111,7 +116,7 @@ fn min_and_max<T: Sample>(samples: &[T]) -> (T, T) {
 pub fn encode_brick<T: Sample>(
     key: NodeKey,
     samples: &[T],
-    encoding: Encoding,
+    (encoding, effort): (Encoding, Effort),
     range: Option<(T, T)>,
     measured: impl Iterator<Item = std::ops::Range<usize>> + Clone,
     scratch: &mut EncodeScratch,
@@ -154,13 +159,13 @@ pub fn encode_brick<T: Sample>(
             scratch.bytes.resize(samples.len(), 0);
             quantiser.quantise(samples, &mut scratch.bytes);
             record.error = quantiser.errors(samples, &scratch.bytes, measured);
-            payload::compress(&scratch.bytes, &mut record, &mut scratch.packer)
+            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer)
         }
         Encoding::Lossless => {
             count_finite(samples, measured, &mut record.error);
             lossless::shuffle(samples, &mut scratch.bytes);
             record.filter = if size_of::<T>() > 1 { Filter::ByteShuffle } else { Filter::None };
-            payload::compress(&scratch.bytes, &mut record, &mut scratch.packer)
+            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer)
         }
     };
     (record, payload)
@@ -187,7 +192,8 @@ pub fn encode_samples<T: Sample>(
     encoding: Encoding,
 ) -> (NodeRecord, Vec<u8>) {
     let all = std::iter::once(0..samples.len());
-    encode_brick(key, samples, encoding, finite_range(samples), all, &mut EncodeScratch::default())
+    let how = (encoding, Effort::default());
+    encode_brick(key, samples, how, finite_range(samples), all, &mut EncodeScratch::default())
 }
 
 /// Buffers that [`encode_brick`] keeps from brick to brick.

@@ -91,7 +91,7 @@ fn newer(path: &Path, found: u32) -> StoreError {
 #[derive(Debug, Default)]
 pub struct BrickScratch {
     payload: Vec<u8>,
-    unpacked: Vec<u8>,
+    unpacked: payload::Unpacker,
 }
 
 /// The records of a node's children, in octant order.
@@ -387,7 +387,7 @@ impl Store {
 fn decode_payload<T: Sample>(
     record: &NodeRecord,
     payload: &[u8],
-    unpacked: &mut Vec<u8>,
+    unpacked: &mut payload::Unpacker,
     samples: &mut [T],
 ) -> Result<(), Damage> {
     match record.encoding {

@@ -5,12 +5,13 @@ use crate::error::PreprocessError;
 use crate::value_stats::BrickValues;
 use crate::walk::Visitor;
 use octree_store::encoding::{EncodeScratch, Filter, encode_brick, finite_range};
-use octree_store::{BrickState, Encoding, ErrorSum, NodeKey, NodeRecord, Sample};
+use octree_store::{BrickState, Effort, Encoding, ErrorSum, NodeKey, NodeRecord, Sample};
 
 /// Encodes bricks, from many threads at once.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BrickEncoder<'a> {
     pub(super) encoding: Encoding,
+    pub(super) effort: Effort,
     pub(super) rules: &'a ValueRules,
 }
 
@@ -70,7 +71,7 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
             range = finite_range(samples);
         }
         let (mut record, mut payload) =
-            encode_brick(key, samples, self.encoding, range, core.rows(), scratch);
+            encode_brick(key, samples, (self.encoding, self.effort), range, core.rows(), scratch);
         if self.rules.drops(samples) {
             payload = Vec::new();
             record.state = BrickState::Empty;

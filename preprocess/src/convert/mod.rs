@@ -25,7 +25,8 @@ use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
 use brick::BrickEncoder;
 use octree_store::{
-    DownsampleFilter, Encoding, Metadata, Region, Sample, SampleType, StoreWriter, with_sample_type,
+    DownsampleFilter, Effort, Encoding, Metadata, Region, Sample, SampleType, StoreWriter,
+    with_sample_type,
 };
 use output::Output;
 use resume::{Kept, State};
@@ -46,6 +47,8 @@ pub struct ConvertOptions {
     pub brick_overlap: u32,
     /// How bricks are encoded.
     pub encoding: Encoding,
+    /// How much work goes into making payloads small.
+    pub effort: Effort,
     /// How a level is made of the one below it.
     pub downsample: DownsampleFilter,
     /// Bricks whose every sample is below this are dropped.
@@ -76,6 +79,7 @@ impl Default for ConvertOptions {
             brick_core: 32,
             brick_overlap: 2,
             encoding: Encoding::Quantised8,
+            effort: Effort::default(),
             downsample: DownsampleFilter::default(),
             empty_below: None,
             nan_value: None,
@@ -145,6 +149,9 @@ impl ConvertOptions {
             if let Some(chosen) = chosen {
                 options.insert(name.into(), chosen.into());
             }
+        }
+        if self.effort != Effort::default() {
+            options.insert("effort".into(), self.effort.name().into());
         }
         if let Some(Region { min, max }) = self.roi {
             options.insert("roi".into(), serde_json::json!([min, max]));
@@ -219,7 +226,8 @@ pub fn convert(
     let Begun { mut writer, state, kept, scratch } = begun;
     let resumed_bricks = state.bricks;
     progress.bricks_done(resumed_bricks);
-    let encoder = BrickEncoder { encoding: options.encoding, rules: &rules };
+    let encoder =
+        BrickEncoder { encoding: options.encoding, effort: options.effort, rules: &rules };
     let work = Work { source, plan: &plan, state, pending: kept.pending(&plan.geometry) };
     let earlier = Earlier { octets: work.state.octets, scratch: Some(Arc::new(scratch)) };
     let made = with_sample_type!(source.sample_type(), T => {

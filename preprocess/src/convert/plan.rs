@@ -7,7 +7,9 @@ use crate::error::PreprocessError;
 use crate::source::Source;
 use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
 use crate::window::{Slots, Window, WindowPlace};
-use octree_store::{Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type};
+use octree_store::{
+    Effort, Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type,
+};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -205,8 +207,10 @@ fn divide_memory(
     let brick = geometry.brick_samples() as u64 * sample_bytes;
     let coded = coded_bytes(geometry, options.encoding, sample_bytes);
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
-    // Gathered samples, means, codes, and room for LZ4 to fail in.
-    let thread_bytes = THREAD_BYTES + brick + core / 8 + coded + coded * 11 / 10;
+    // What Zstandard keeps at its first level.
+    let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };
+    // Gathered samples, means, codes, and room for compression to fail in.
+    let thread_bytes = THREAD_BYTES + brick + core / 8 + coded + coded * 11 / 10 + zstd;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
     // A small volume has fewer bricks than its octets have room for.
     let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);

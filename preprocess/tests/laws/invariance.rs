@@ -3,9 +3,13 @@
 use crate::support::{Converted, converted, scan, small_bricks};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use octree_store::{Encoding, LengthUnit, Region, Sample, SampleType, Store, with_sample_type};
+use octree_store::{
+    Effort, Encoding, LengthUnit, Region, Sample, SampleType, Store, with_sample_type,
+};
 use preprocess::source::nifti_header::{NiftiDatatype, NiftiHeader, NiftiUnit};
-use preprocess::{ConvertOptions, NoProgress, PreprocessError, Source, SourceOptions, convert};
+use preprocess::{
+    ConvertOptions, NoProgress, PreprocessError, Source, SourceOptions, convert, verify_against,
+};
 use std::io::Write;
 use std::path::Path;
 
@@ -78,6 +82,29 @@ fn the_digest_tells_different_content_apart() {
     others.sort();
     others.dedup();
     assert_eq!(others.len(), count);
+}
+
+#[test]
+fn efforts_give_the_same_samples_and_say_so() {
+    for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+        let mut made = Vec::new();
+        for effort in [Effort::Balanced, Effort::Fast, Effort::Small] {
+            let dims = [50, 41, 70];
+            let options = ConvertOptions { effort, ..small_bricks(encoding) };
+            let store = converted(dims, scan::<u16>(dims, 6), &options);
+            let metadata = store.store.metadata();
+            let named = metadata.options.get("effort").and_then(|name| name.as_str());
+            assert_eq!(named.unwrap_or("balanced"), effort.name());
+            let source = Source::open(&store.raw, &SourceOptions::default()).unwrap();
+            let how = ConvertOptions::default();
+            let report = verify_against(&store.store, source, &how, &NoProgress).unwrap();
+            assert_eq!(report.damaged, []);
+            let read = store.store.read_region::<u16>(0, Region::whole(dims)).unwrap();
+            made.push((read, metadata.payload_bytes, metadata.levels[0].rms));
+        }
+        assert!(made.iter().all(|(read, _, rms)| *read == made[0].0 && *rms == made[0].2));
+        assert!(made[2].1 < made[0].1 && made[0].1 <= made[1].1, "small is the smallest");
+    }
 }
 
 #[test]

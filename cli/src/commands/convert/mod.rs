@@ -9,7 +9,7 @@ use crate::exit::Answer;
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
-use octree_store::{DownsampleFilter, Encoding, LengthUnit, Region};
+use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, Region};
 use preprocess::PreprocessError;
 use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
 use report::Report;
@@ -61,6 +61,10 @@ pub(super) struct Convert {
     /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact
     #[arg(long, value_enum, default_value_t = EncodingName::U8)]
     encoding: EncodingName,
+    /// How much work goes into a small store: fast stores bricks as they are, balanced tries LZ4,
+    /// small uses Zstandard
+    #[arg(long, value_enum, default_value_t = EffortName::Balanced)]
+    effort: EffortName,
     /// How a level is made of the one below it: the mean, greatest, least or most frequent of
     /// 2x2x2 cells (mode keeps labels exact), or the one at the lowest corner (nearest)
     #[arg(long, value_enum, default_value_t = DownsampleName::Mean)]
@@ -111,6 +115,13 @@ struct Job {
 enum EncodingName {
     U8,
     Lossless,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum EffortName {
+    Fast,
+    Balanced,
+    Small,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -242,6 +253,11 @@ impl Convert {
             encoding: match self.encoding {
                 EncodingName::U8 => Encoding::Quantised8,
                 EncodingName::Lossless => Encoding::Lossless,
+            },
+            effort: match self.effort {
+                EffortName::Fast => Effort::Fast,
+                EffortName::Balanced => Effort::Balanced,
+                EffortName::Small => Effort::Small,
             },
             downsample: match self.downsample {
                 DownsampleName::Mean => DownsampleFilter::Mean,
