@@ -7,6 +7,8 @@ mod commands;
 mod damage;
 mod help;
 mod nibabel;
+mod readers;
 mod samples;
 mod sharing;
 mod support;
+mod tiff;
