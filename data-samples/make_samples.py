@@ -6,6 +6,7 @@ may compress to other bytes; the voxels stay.)
 """
 import gzip
 import hashlib
+import logging
 import pathlib
 import shutil
 import struct
@@ -18,6 +19,8 @@ import tifffile
 sources = pathlib.Path(sys.argv[1])
 here = pathlib.Path(__file__).parent
 rows = []
+# tifffile tells at length what is wrong with damaged files.
+logging.disable(logging.CRITICAL)
 
 
 def row(name, what, dims, sample_type, spacing, origin, licence):
@@ -88,6 +91,42 @@ for folder, kind, what in [("27", "nifti-suite", "one file a sample type"),
         says = ("-", "-", "-") if kind == "damaged" else described(path)
         row(str(target.relative_to(here)), what, *says,
             f"Enet4/nifti-rs resources/{path.relative_to(suite)}", "MIT OR Apache-2.0")
+
+# The test pictures of the Rust crate tiff: every grey one up to 50 kB, and some of each kind in colour,
+# of few bits, of compressions that Octavo refuses, and damaged ones.
+suite = sources / "tiff_suite/image-tiff"
+REFUSED = ["12bit.cropped", "cmyk-3c-8b", "gradient-1c-64b.", "gradient-3c-32b.", "fax4", "minisblack-1c-3b",
+           "minisblack-2c-8b-alpha", "miniswhite-1c-1b", "palette-1c-8b", "random-fp16", "seq-1c-10b-",
+           "seq-1c-1b-fax3-71", "seq-1c-24b-072", "seq-1c-8b-palette", "seq-3c-8b-bigendian", "seq-4c-8b-cmyk",
+           "quad-tile.jpg", "fuzz_images", "subsubifds"]
+for path in sorted(p for p in suite.rglob("*.tif*") if p.stat().st_size < 50_000):
+    name = str(path.relative_to(suite))
+    says = ("-", "-", "-")
+    try:
+        with tifffile.TiffFile(path) as tif:
+            page = tif.pages[0]
+            grey = (int(page.photometric) in (0, 1) and page.samplesperpixel == 1 and page.bitspersample in (8, 16, 32, 64)
+                    and page.dtype.name not in ("float16", "uint64") and int(page.compression) not in (2, 3, 4, 7))
+            if grey:
+                says = (f"{page.imagewidth}x{page.imagelength}x{len(tif.pages)}", page.dtype.name, "-")
+    except Exception:
+        grey = False
+    if not grey and not any(word in name for word in REFUSED):
+        continue
+    target = here / "tiff-suite" / path.relative_to(suite)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, target)
+    row(str(target.relative_to(here)), "a TIFF picture" if grey else "no grey TIFF picture of whole bytes, or damaged",
+        *says, f"image-rs/image-tiff tests/{name}", "MIT")
+
+bone = sources / "tiff_stack/lhdl_bone_200x200x200"
+for z in range(96, 104):
+    path = bone / f"3155_D_4_bc_{z:04}.tif"
+    target = here / "tiff-slices" / path.name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, target)
+    row(str(target.relative_to(here)), "micro-CT of bone, a slice", "200x200x1", "u8", "-",
+        f"gianthk/ciclope test_data/LHDL/3155_D_4_bc/cropped/{path.name}", "MIT")
 
 header = "file\twhat\tdims_xyz\tsample_type\tspacing\torigin\tlicence\tsha256"
 (here / "MANIFEST.tsv").write_text("\n".join([header, *rows]) + "\n")

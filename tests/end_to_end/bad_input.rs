@@ -70,7 +70,7 @@ fn missing_folders_and_strange_files_are_named() {
     let bench = Bench::new();
     refused(&bench, "convert nowhere.nii", 2, &["nowhere.nii", "no such file"]);
     std::fs::create_dir(bench.path("folder")).unwrap();
-    refused(&bench, "convert folder", 2, &["folder", "file was expected"]);
+    refused(&bench, "convert folder", 2, &["folder", "no slices in it"]);
     bench.write("a.xyz", b"what is this");
     refused(&bench, "convert a.xyz", 2, &["a.xyz", "--dims"]);
     bench.write("a.nii", b"");

@@ -10,6 +10,8 @@ mod help;
 mod memory;
 mod nibabel;
 mod resume;
+mod readers;
 mod samples;
 mod sharing;
 mod support;
+mod tiff;

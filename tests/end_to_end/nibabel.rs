@@ -1,21 +1,7 @@
 //! What Octavo writes, nibabel reads: an independent reader has the last word on NIfTI.
 
+use crate::readers::python;
 use crate::support::{Bench, sample};
-use std::path::Path;
-use std::process::Command;
-
-/// Runs a Python check; `tests/run.sh` installs what it needs.
-fn python(script: &str, arguments: &[&str]) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/readers");
-    let python = std::env::var("OCTAVO_TEST_PYTHON").unwrap_or_else(|_| "python3".into());
-    let output = Command::new(python).arg(folder.join(script)).args(arguments).output().unwrap();
-    assert!(
-        output.status.success(),
-        "{script} (run by 'bash tests/run.sh', which installs nibabel): {}{}",
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    );
-}
 
 #[test]
 fn affine_spacing_and_voxels_survive_to_nibabel() {

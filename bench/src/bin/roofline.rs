@@ -19,7 +19,7 @@ use memmap2::Mmap;
 use multiversion::multiversion;
 use octree_store::encoding::quantised8::Quantiser;
 use octree_store::encoding::{EncodeScratch, encode_brick, finite_range};
-use octree_store::{Encoding, Geometry, NodeKey};
+use octree_store::{Effort, Encoding, Geometry, NodeKey};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::fs::File;

@@ -9,7 +9,7 @@ use thiserror::Error;
 pub enum StackError {
     /// There is no slice in it.
     #[error(
-        "there are no slices in it: files ending in .tif, .tiff or .png are expected, and {others} others \
+        "there are no slices in it: files ending in .tif, .tiff or .png are expected, and {others} other files \
         were found"
     )]
     Empty {

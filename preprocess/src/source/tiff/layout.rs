@@ -150,6 +150,8 @@ impl Layout {
         } else {
             return Err(at(None)(page_count(name, &order, pages)));
         };
+        let (order, note) = order.with_slices(options);
+        voxel_size.notes.extend(note);
         let (channel, time, note) = order.choose(path, options)?;
         voxel_size.notes.extend(note);
         if alone {
@@ -160,7 +162,8 @@ impl Layout {
         }
         let chosen = match &metadata {
             Metadata::Ome(ome) => {
-                ome.volume(channel, time, directories.len() as u64).map_err(at(None))?
+                let pages = directories.len() as u64;
+                ome.volume(&order, channel, time, pages).map_err(at(None))?
             }
             _ => order.volume(channel, time).map(|index| full[index as usize]).collect(),
         };

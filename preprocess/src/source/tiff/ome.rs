@@ -70,22 +70,24 @@ impl Ome {
         Ok(Some(Self { order, voxel_size: voxel_size(pixels), images, runs }))
     }
 
-    /// The page of each slice of a channel and a time, of `pages` pages in the file.
+    /// The page of each slice of a channel and a time, of `pages` pages in the file, where planes follow
+    /// each other in `order`.
     pub(super) fn volume(
         &self,
+        order: &PageOrder,
         channel: u64,
         time: u64,
         pages: u64,
     ) -> Result<Vec<u64>, TiffError> {
-        let slices = self.order.size(Axis::Z);
+        let slices = order.size(Axis::Z);
         let count = || TiffError::PageCount {
             metadata: "OME",
             slices,
-            channels: self.order.size(Axis::Channel),
-            times: self.order.size(Axis::Time),
+            channels: order.size(Axis::Channel),
+            times: order.size(Axis::Time),
             pages,
         };
-        let planes = self.order.pages().ok_or_else(count)?;
+        let planes = order.pages().ok_or_else(count)?;
         if slices > pages {
             return Err(count());
         }
@@ -100,7 +102,7 @@ impl Ome {
                 return Err(count());
             }
             for step in 0..run_planes {
-                let [z, c, t] = self.order.place(run.first_plane + step);
+                let [z, c, t] = order.place(run.first_plane + step);
                 if [c, t] == [channel, time] {
                     found[z as usize] = Some(run.first_page + step);
                 }

@@ -50,14 +50,36 @@ impl PageOrder {
         place
     }
 
+    /// Many times or many channels of a single slice are slices to whoever asks for none of them: tifffile
+    /// writes stacks for ImageJ so unless axes are named. What to tell the user comes with it.
+    pub(super) fn with_slices(self, options: &SourceOptions) -> (Self, Option<String>) {
+        let [slices, channels, times] =
+            [Axis::Z, Axis::Channel, Axis::Time].map(|axis| self.size(axis));
+        let (many, count, what, flag) = match (slices, channels, times) {
+            (1, 2.., 1) if options.channel.is_none() => {
+                (Axis::Channel, channels, "channels", "channel")
+            }
+            (1, 1, 2..) if options.time.is_none() => (Axis::Time, times, "times", "time"),
+            _ => return (self, None),
+        };
+        let axes = self.axes.map(|(axis, size)| match axis {
+            Axis::Z => (many, 1),
+            axis if axis == many => (Axis::Z, size),
+            axis => (axis, size),
+        });
+        let note = format!(
+            "it says that it is one slice at {count} {what}: these are taken for slices (--{flag} N takes one)"
+        );
+        (Self { axes }, Some(note))
+    }
+
     /// The channel and time that were asked for, and what to tell the user.
     pub(super) fn choose(
         &self,
         path: &Path,
         options: &SourceOptions,
     ) -> Result<(u64, u64, Option<String>), SourceError> {
-        let [slices, channels, times] =
-            [Axis::Z, Axis::Channel, Axis::Time].map(|axis| self.size(axis));
+        let [channels, times] = [Axis::Channel, Axis::Time].map(|axis| self.size(axis));
         let chosen = |count, asked: Option<u64>| {
             let asked = asked.unwrap_or(0);
             let path = path.to_owned();
@@ -69,17 +91,12 @@ impl PageOrder {
         };
         let time = chosen(times, options.time)?;
         let channel = chosen(channels, options.channel)?;
-        let mut note = (channels > 1 || times > 1).then(|| {
+        let note = (channels > 1 || times > 1).then(|| {
             format!(
                 "it holds {times} times and {channels} channels: time {time} of channel {channel} is \
                  used (--time and --channel choose another)"
             )
         });
-        if let Some(note) = note.as_mut().filter(|_| slices == 1) {
-            note.push_str(
-                "; that is one slice: where its times or channels are slices, its metadata are wrong",
-            );
-        }
         Ok((channel, time, note))
     }
 

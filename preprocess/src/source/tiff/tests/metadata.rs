@@ -91,6 +91,22 @@ fn a_channel_and_a_time_are_chosen() {
 }
 
 #[test]
+fn many_times_or_channels_of_one_slice_are_slices() {
+    let ome = "<OME><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"1\" SizeC=\"1\" SizeT=\"4\"/></Image></OME>";
+    for (text, flag) in [("ImageJ=1\nimages=4\nchannels=4\n", "--channel"), (ome, "--time")] {
+        let source = opened(4, text, &[]);
+        assert_eq!(source.dims_xyz, [3, 2, 4]);
+        assert_eq!(read(&source).unwrap(), samples([3, 2, 4], SampleType::U8));
+        assert!(source.notes.iter().any(|note| note.contains(flag)), "{:?}", source.notes);
+        let one = SourceOptions { time: Some(2), ..Default::default() };
+        let one =
+            if text == ome { one } else { SourceOptions { channel: one.time, time: None, ..one } };
+        let source = open(&file(4, text, &[]), &one).unwrap();
+        assert_eq!(read(&source).unwrap(), &samples([3, 2, 4], SampleType::U8)[12..18]);
+    }
+}
+
+#[test]
 fn ome_names_sizes_and_pages() {
     let text = "<?xml version=\"1.0\"?><OME UUID=\"urn:a\"><Image><Pixels DimensionOrder=\"XYZCT\" SizeZ=\"3\" \
         SizeC=\"1\" SizeT=\"1\" PhysicalSizeX=\"0.5\" PhysicalSizeY=\"500\" PhysicalSizeYUnit=\"nm\" \
