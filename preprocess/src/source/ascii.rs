@@ -116,7 +116,7 @@ mod tests {
         let expected: Vec<u8> =
             [1.5_f32, -0.25, f32::NAN].iter().flat_map(|v| v.to_le_bytes()).collect();
         assert_eq!(bytes("1.5 -2.5e-1 nan", SampleType::F32).unwrap(), expected);
-        assert_eq!(bytes("", SampleType::U8).unwrap(), []);
+        assert_eq!(bytes("", SampleType::U8).unwrap(), Vec::<u8>::new());
     }
 
     #[test]

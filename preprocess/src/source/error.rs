@@ -1,6 +1,7 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
 use super::nifti_header::NiftiHeaderError;
+use super::nrrd::NrrdError;
 use octree_store::{GeometryError, SampleType, StoreError};
 use std::io;
 use std::path::PathBuf;
@@ -31,8 +32,8 @@ pub enum SourceError {
     },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
-        .hdr, .img (or their .gz) or NAME_XxYxZ_TYPE.raw; for another raw file give --dims X,Y,Z and \
-        --dtype TYPE", path.display())]
+        .hdr, .img (or their .gz), .nrrd, .nhdr, or \
+        NAME_XxYxZ_TYPE.raw; for another raw file give --dims X,Y,Z and --dtype TYPE", path.display())]
     UnknownKind {
         /// The file.
         path: PathBuf,
@@ -92,6 +93,14 @@ pub enum SourceError {
         /// Why not.
         source: NiftiHeaderError,
     },
+    /// The NRRD header cannot be used.
+    #[error("{}: {source}", path.display())]
+    Nrrd {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: NrrdError,
+    },
     /// A header that belongs to a pair of files, under a single file's name.
     #[error("{}: its header says that the voxels are in a file of their own: rename it to .hdr, with the \
         .img beside it", path.display())]
@@ -107,6 +116,28 @@ pub enum SourceError {
         path: PathBuf,
         /// The file that is missing.
         partner: PathBuf,
+    },
+    /// A file of voxels that is not as long as its header says.
+    #[error("{}: by the header of {} it should have {expected} bytes, and it has {found}: it is cut \
+        short, or the header is another file's", path.display(), header.display())]
+    DataSize {
+        /// The file of voxels.
+        path: PathBuf,
+        /// The header's file.
+        header: PathBuf,
+        /// Bytes needed.
+        expected: u64,
+        /// Bytes found.
+        found: u64,
+    },
+    /// Files of voxels among which the volume cannot be divided.
+    #[error("{}: it names {found} data files, and its voxels cannot be divided among so many",
+        path.display())]
+    DataFileCount {
+        /// The header's file.
+        path: PathBuf,
+        /// Files named.
+        found: u64,
     },
     /// A volume of a series that does not exist.
     #[error("{}: it holds {count} volumes, numbered from 0, and number {asked} was asked for",

@@ -5,17 +5,22 @@
 //! fastest.
 
 mod ascii;
+mod data_files;
 mod error;
 pub(crate) mod map;
 mod nifti;
 pub mod nifti_header;
+mod nrrd;
+mod numbered;
 mod raw;
 mod raw_name;
 mod slice_files;
 mod stream;
 mod voxels;
+mod world;
 
 pub use error::SourceError;
+pub use nrrd::NrrdError;
 pub use raw_name::RawName;
 pub(crate) use slice_files::SliceFiles;
 pub(crate) use stream::{StreamCoding, StreamPlace, VoxelStream};
@@ -128,6 +133,28 @@ impl From<Found> for Source {
     }
 }
 
+/// Opens a file of a kind.
+type Open = fn(&Path, &SourceOptions) -> Result<Source, SourceError>;
+
+/// The kind of a file that says itself what it holds: by its name, or, where neither name nor flags tell
+/// what it is, by its first bytes.
+fn headed_kind(path: &Path, options: &SourceOptions) -> Option<(&'static str, Open)> {
+    if nifti::is_name(path) {
+        Some(("a NIfTI file", nifti::open))
+    } else if nrrd::is_name(path) {
+        Some(("an NRRD file", nrrd::open))
+    } else if raw::is_name(path) || options.any_raw() {
+        None
+    } else {
+        let start = data_files::read_start(path, 256).unwrap_or_default();
+        if nrrd::is_magic(&start) {
+            Some(("an NRRD file", nrrd::open))
+        } else {
+            None
+        }
+    }
+}
+
 impl Source {
     /// Opens a volume file by its name's ending.
     ///
@@ -145,14 +172,13 @@ impl Source {
             }
             Err(source) => return Err(SourceError::Io { path: path.to_owned(), source }),
         }
-        if nifti::is_name(path) {
-            if options.any_raw() {
-                return Err(SourceError::NotRaw { path: path.to_owned(), kind: "a NIfTI file" });
-            }
-            nifti::open(path, options)
-        } else {
-            raw::open(path, options)
+        let Some((kind, open)) = headed_kind(path, options) else {
+            return raw::open(path, options);
+        };
+        if options.any_raw() {
+            return Err(SourceError::NotRaw { path: path.to_owned(), kind });
         }
+        open(path, options)
     }
 
     /// The type that a reader gets.
@@ -253,6 +279,8 @@ impl Source {
         let slice = if self.slices_are_plain() { 0 } else { self.file_slice_bytes() };
         match &self.place {
             Place::Mapped { .. } => None,
+            // bzip2 keeps whole blocks of 900 kB.
+            Place::Stream(place) if place.coding == StreamCoding::Bzip2 => Some(slice + (1 << 22)),
             Place::Stream(_) => Some(slice + (1 << 18)),
             Place::Slices(files) => Some(slice + files.decode_bytes()),
         }

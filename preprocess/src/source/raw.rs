@@ -5,12 +5,16 @@ use super::{Found, Place, RawName, Source, SourceError, SourceOptions, StoredFor
 use octree_store::{Geometry, LengthUnit, SampleType};
 use std::path::Path;
 
+/// Whether a file's name ends as a raw file's.
+pub(super) fn is_name(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("raw"))
+}
+
 /// Opens a raw file with what the flags and the name say; flags win.
 pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, SourceError> {
     let name = RawName::parse(path);
     let owned = || path.to_owned();
-    let is_raw = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("raw"));
-    if name.is_none() && !is_raw && !options.any_raw() {
+    if !is_name(path) && !options.any_raw() {
         return Err(SourceError::UnknownKind { path: owned() });
     }
     let unknown = |missing, flag| SourceError::RawUnknown { path: owned(), missing, flag };
