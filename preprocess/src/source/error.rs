@@ -1,5 +1,6 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
+use super::meta_image::MetaImageError;
 use super::nifti_header::NiftiHeaderError;
 use super::nrrd::NrrdError;
 use octree_store::{GeometryError, SampleType, StoreError};
@@ -32,7 +33,7 @@ pub enum SourceError {
     },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
-        .hdr, .img (or their .gz), .nrrd, .nhdr, or \
+        .hdr, .img (or their .gz), .nrrd, .nhdr, .mha, .mhd, or \
         NAME_XxYxZ_TYPE.raw; for another raw file give --dims X,Y,Z and --dtype TYPE", path.display())]
     UnknownKind {
         /// The file.
@@ -100,6 +101,14 @@ pub enum SourceError {
         path: PathBuf,
         /// Why not.
         source: NrrdError,
+    },
+    /// The MetaImage header cannot be used.
+    #[error("{}: {source}", path.display())]
+    MetaImage {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: MetaImageError,
     },
     /// A header that belongs to a pair of files, under a single file's name.
     #[error("{}: its header says that the voxels are in a file of their own: rename it to .hdr, with the \

@@ -8,6 +8,7 @@ mod ascii;
 mod data_files;
 mod error;
 pub(crate) mod map;
+mod meta_image;
 mod nifti;
 pub mod nifti_header;
 mod nrrd;
@@ -20,6 +21,7 @@ mod voxels;
 mod world;
 
 pub use error::SourceError;
+pub use meta_image::MetaImageError;
 pub use nrrd::NrrdError;
 pub use raw_name::RawName;
 pub(crate) use slice_files::SliceFiles;
@@ -143,12 +145,16 @@ fn headed_kind(path: &Path, options: &SourceOptions) -> Option<(&'static str, Op
         Some(("a NIfTI file", nifti::open))
     } else if nrrd::is_name(path) {
         Some(("an NRRD file", nrrd::open))
+    } else if meta_image::is_name(path) {
+        Some(("a MetaImage file", meta_image::open))
     } else if raw::is_name(path) || options.any_raw() {
         None
     } else {
         let start = data_files::read_start(path, 256).unwrap_or_default();
         if nrrd::is_magic(&start) {
             Some(("an NRRD file", nrrd::open))
+        } else if meta_image::is_magic(&start) {
+            Some(("a MetaImage file", meta_image::open))
         } else {
             None
         }
