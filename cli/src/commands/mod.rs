@@ -117,6 +117,7 @@ impl RawArgs {
             skip: self.skip,
             time: series.and_then(|series| series.time),
             channel: series.and_then(|series| series.channel),
+            ..SourceOptions::default()
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
+use super::dicom::DicomError;
 use super::meta_image::MetaImageError;
 use super::nifti_header::NiftiHeaderError;
 use super::nrrd::NrrdError;
@@ -33,7 +34,7 @@ pub enum SourceError {
     },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
-        .hdr, .img (or their .gz), .nrrd, .nhdr, .mha, .mhd, or \
+        .hdr, .img (or their .gz), .nrrd, .nhdr, .mha, .mhd, .dcm or \
         NAME_XxYxZ_TYPE.raw; for another raw file give --dims X,Y,Z and --dtype TYPE", path.display())]
     UnknownKind {
         /// The file.
@@ -109,6 +110,14 @@ pub enum SourceError {
         path: PathBuf,
         /// Why not.
         source: MetaImageError,
+    },
+    /// A DICOM file cannot be used.
+    #[error("{}: {source}", path.display())]
+    Dicom {
+        /// The file, or the folder.
+        path: PathBuf,
+        /// Why not.
+        source: DicomError,
     },
     /// A header that belongs to a pair of files, under a single file's name.
     #[error("{}: its header says that the voxels are in a file of their own: rename it to .hdr, with the \

@@ -6,6 +6,7 @@
 
 mod ascii;
 mod data_files;
+mod dicom;
 mod error;
 pub(crate) mod map;
 mod meta_image;
@@ -20,6 +21,7 @@ mod stream;
 mod voxels;
 mod world;
 
+pub use dicom::DicomError;
 pub use error::SourceError;
 pub use meta_image::MetaImageError;
 pub use nrrd::NrrdError;
@@ -47,6 +49,8 @@ pub struct SourceOptions {
     pub time: Option<u64>,
     /// The channel, from 0.
     pub channel: Option<u64>,
+    /// Whether slices may be missing, or lie unevenly.
+    pub allow_gaps: bool,
 }
 
 impl SourceOptions {
@@ -135,18 +139,39 @@ impl From<Found> for Source {
     }
 }
 
+/// Opens a folder of slices.
+fn open_folder(folder: &Path, options: &SourceOptions) -> Result<Source, SourceError> {
+    let io_error = |source| SourceError::Io { path: folder.to_owned(), source };
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io_error)? {
+        paths.push(entry.map_err(io_error)?.path());
+    }
+    paths.retain(|path| dicom::is_dicom(path));
+    paths.sort();
+    if paths.is_empty() {
+        return Err(SourceError::Folder { path: folder.to_owned() });
+    }
+    if options.any_raw() {
+        return Err(SourceError::NotRaw { path: folder.to_owned(), kind: "a DICOM series" });
+    }
+    dicom::open(paths, folder, options)
+}
+
 /// Opens a file of a kind.
 type Open = fn(&Path, &SourceOptions) -> Result<Source, SourceError>;
 
 /// The kind of a file that says itself what it holds: by its name, or, where neither name nor flags tell
 /// what it is, by its first bytes.
 fn headed_kind(path: &Path, options: &SourceOptions) -> Option<(&'static str, Open)> {
+    let dicom: Open = |path, options| dicom::open(vec![path.to_owned()], path, options);
     if nifti::is_name(path) {
         Some(("a NIfTI file", nifti::open))
     } else if nrrd::is_name(path) {
         Some(("an NRRD file", nrrd::open))
     } else if meta_image::is_name(path) {
         Some(("a MetaImage file", meta_image::open))
+    } else if dicom::is_name(path) {
+        Some(("a DICOM file", dicom))
     } else if raw::is_name(path) || options.any_raw() {
         None
     } else {
@@ -155,6 +180,8 @@ fn headed_kind(path: &Path, options: &SourceOptions) -> Option<(&'static str, Op
             Some(("an NRRD file", nrrd::open))
         } else if meta_image::is_magic(&start) {
             Some(("a MetaImage file", meta_image::open))
+        } else if dicom::is_dicom(path) {
+            Some(("a DICOM file", dicom))
         } else {
             None
         }
@@ -170,7 +197,7 @@ impl Source {
         let path = path.as_ref();
         match std::fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => {
-                return Err(SourceError::Folder { path: path.to_owned() });
+                return open_folder(path, options);
             }
             Ok(_) => {}
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
