@@ -5,6 +5,7 @@
 mod bad_input;
 mod commands;
 mod damage;
+mod headers;
 mod help;
 mod nibabel;
 mod samples;

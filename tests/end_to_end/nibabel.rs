@@ -5,13 +5,13 @@ use std::path::Path;
 use std::process::Command;
 
 /// Runs a Python check; `tests/run.sh` installs what it needs.
-fn python(script: &str, arguments: &[&str]) {
+pub(crate) fn python(script: &str, arguments: &[&str]) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/readers");
     let python = std::env::var("OCTAVO_TEST_PYTHON").unwrap_or_else(|_| "python3".into());
     let output = Command::new(python).arg(folder.join(script)).args(arguments).output().unwrap();
     assert!(
         output.status.success(),
-        "{script} (run by 'bash tests/run.sh', which installs nibabel): {}{}",
+        "{script} (run by 'bash tests/run.sh', which installs the readers): {}{}",
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
     );
