@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs every test. Installs what they need first: Python with independent readers: nibabel of NIfTI,
-# tifffile of TIFF, Pillow of PNG.
+# Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
+# NRRD, MetaImage and DICOM.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -9,14 +9,15 @@ as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
 
 # A virtual environment for the readers, made once.
 venv="target/readers"
-if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, numpy, PIL, tifffile' 2>/dev/null; then
+if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, nrrd, numpy, PIL, pydicom, SimpleITK, tifffile' 2>/dev/null; then
   if ! python3 -c 'import venv, ensurepip' 2>/dev/null; then
     as_root apt-get update -qq
     as_root apt-get install -y -qq --no-install-recommends python3 python3-venv
   fi
   rm -rf "$venv"
   python3 -m venv "$venv"
-  "$venv/bin/pip" install --quiet --disable-pip-version-check imagecodecs nibabel numpy pillow tifffile
+  "$venv/bin/pip" install --quiet --disable-pip-version-check \
+    imagecodecs nibabel numpy pillow pydicom pynrrd SimpleITK tifffile
 fi
 export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
 

@@ -37,7 +37,7 @@ fn every_file_has_its_checksum_in_the_manifest_and_none_is_missing() {
     }
     assert!(bytes <= 12_000_000, "{bytes} bytes of samples");
     let mut present = BTreeSet::new();
-    for folder in ["nifti-suite", "damaged", "tiff-suite", "tiff-slices"] {
+    for folder in ["nifti-suite", "headers", "damaged", "tiff-suite", "tiff-slices"] {
         files_below(&data_samples::folder().join(folder), &mut present);
     }
     assert!(present.is_subset(&named), "not in the manifest: {:?}", present.difference(&named));

@@ -277,7 +277,14 @@ fn encode(key: NodeKey, brick: &[u16], lz4: Lz4, scratch: &mut Scratch) {
     if let Lz4::Tried = lz4 {
         let encoding = Encoding::Quantised8;
         let spans = std::iter::empty();
-        let (_, payload) = encode_brick(key, brick, (encoding, Effort::Balanced), range, spans, &mut scratch.store);
+        let (_, payload) = encode_brick(
+            key,
+            brick,
+            (encoding, Effort::Balanced),
+            range,
+            spans,
+            &mut scratch.store,
+        );
         scratch.row.extend_from_slice(&payload);
         return;
     }

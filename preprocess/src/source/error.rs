@@ -1,6 +1,9 @@
 //! Why an input cannot be used, each with what a user needs to act on it.
 
+use super::dicom::DicomError;
+use super::meta_image::MetaImageError;
 use super::nifti_header::NiftiHeaderError;
+use super::nrrd::NrrdError;
 use super::stack::{PngError, StackError};
 use super::tiff::{TiffError, TiffPlace};
 use octree_store::{GeometryError, SampleType, StoreError, is_denied};
@@ -25,10 +28,17 @@ pub enum SourceError {
         /// The path.
         path: PathBuf,
     },
+    /// A folder where a file of voxels is expected.
+    #[error("{}: this is a folder, and a file of voxels was expected", path.display())]
+    Folder {
+        /// The path.
+        path: PathBuf,
+    },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
-        .hdr, .img (or their .gz), .tif, .tiff, .png or NAME_XxYxZ_TYPE.raw, or a folder of slices; for \
-        another raw file give --dims X,Y,Z and --dtype TYPE", path.display())]
+        .hdr, .img (or their .gz), .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, .tiff, .png or \
+        NAME_XxYxZ_TYPE.raw, or a folder of slices; for another raw file give --dims X,Y,Z and --dtype \
+        TYPE", path.display())]
     UnknownKind {
         /// The file.
         path: PathBuf,
@@ -88,6 +98,30 @@ pub enum SourceError {
         /// Why not.
         source: NiftiHeaderError,
     },
+    /// The NRRD header cannot be used.
+    #[error("{}: {source}", path.display())]
+    Nrrd {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: NrrdError,
+    },
+    /// The MetaImage header cannot be used.
+    #[error("{}: {source}", path.display())]
+    MetaImage {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: MetaImageError,
+    },
+    /// A DICOM file cannot be used.
+    #[error("{}: {source}", path.display())]
+    Dicom {
+        /// The file, or the folder.
+        path: PathBuf,
+        /// Why not.
+        source: DicomError,
+    },
     /// A header that belongs to a pair of files, under a single file's name.
     #[error("{}: its header says that the voxels are in a file of their own: rename it to .hdr, with the \
         .img beside it", path.display())]
@@ -103,6 +137,28 @@ pub enum SourceError {
         path: PathBuf,
         /// The file that is missing.
         partner: PathBuf,
+    },
+    /// A file of voxels that is not as long as its header says.
+    #[error("{}: by the header of {} it should have {expected} bytes, and it has {found}: it is cut \
+        short, or the header is another file's", path.display(), header.display())]
+    DataSize {
+        /// The file of voxels.
+        path: PathBuf,
+        /// The header's file.
+        header: PathBuf,
+        /// Bytes needed.
+        expected: u64,
+        /// Bytes found.
+        found: u64,
+    },
+    /// Files of voxels among which the volume cannot be divided.
+    #[error("{}: it names {found} data files, and its voxels cannot be divided among so many",
+        path.display())]
+    DataFileCount {
+        /// The header's file.
+        path: PathBuf,
+        /// Files named.
+        found: u64,
     },
     /// A volume of a series that does not exist.
     #[error("{}: it holds {count} volumes, numbered from 0, and number {asked} was asked for",

@@ -5,10 +5,16 @@
 //! fastest.
 
 mod ascii;
+mod data_files;
+mod dicom;
 mod error;
+mod format;
 pub(crate) mod map;
+mod meta_image;
 mod nifti;
 pub mod nifti_header;
+mod nrrd;
+mod numbered;
 mod raw;
 mod raw_name;
 mod slice_files;
@@ -16,8 +22,12 @@ mod stack;
 mod stream;
 mod tiff;
 mod voxels;
+mod world;
 
+pub use dicom::DicomError;
 pub use error::SourceError;
+pub use meta_image::MetaImageError;
+pub use nrrd::NrrdError;
 pub use raw_name::RawName;
 pub(crate) use slice_files::SliceFiles;
 pub use stack::{PngError, StackError};
@@ -25,9 +35,9 @@ pub(crate) use stream::{StreamCoding, StreamPlace, VoxelStream};
 pub use tiff::{TiffError, TiffPlace};
 pub use voxels::StoredFormat;
 
+use format::Format;
 use memmap2::Mmap;
 use octree_store::{Geometry, LengthUnit, Region, Sample, SampleType, SourceDescription};
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// What the user said of the input.
@@ -45,7 +55,7 @@ pub struct SourceOptions {
     pub time: Option<u64>,
     /// The channel, from 0.
     pub channel: Option<u64>,
-    /// Whether a series of files may lack numbers, or have names whose order is not certain.
+    /// Whether slices may be missing or lie unevenly, or have names whose order is not certain.
     pub allow_gaps: bool,
 }
 
@@ -55,52 +65,6 @@ impl SourceOptions {
             || self.sample_type.is_some()
             || self.big_endian
             || self.skip.is_some()
-    }
-}
-
-/// What a path is opened as.
-#[derive(Debug, Clone, Copy)]
-enum Format {
-    Nifti,
-    Tiff,
-    Png,
-    /// A folder or a pattern.
-    Stack(&'static str),
-    Raw,
-}
-
-impl Format {
-    /// By the name's ending; by the first bytes where the name says nothing.
-    fn of_file(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
-        if nifti::is_name(path) {
-            return Ok(Self::Nifti);
-        } else if tiff::is_name(path) {
-            return Ok(Self::Tiff);
-        } else if stack::is_png_name(path) {
-            return Ok(Self::Png);
-        } else if options.any_raw() || raw::is_name(path) {
-            return Ok(Self::Raw);
-        }
-        let mut start = Vec::new();
-        std::fs::File::open(path)
-            .and_then(|file| file.take(8).read_to_end(&mut start))
-            .map_err(|source| SourceError::Io { path: path.to_owned(), source })?;
-        Ok(match start.as_slice() {
-            start if tiff::is_magic(start) => Self::Tiff,
-            start if stack::is_png_magic(start) => Self::Png,
-            _ => Self::Raw,
-        })
-    }
-
-    /// What a message calls it, where it says its dimensions itself.
-    fn kind(self) -> Option<&'static str> {
-        match self {
-            Self::Nifti => Some("a NIfTI file"),
-            Self::Tiff => Some("a TIFF file"),
-            Self::Png => Some("a PNG file"),
-            Self::Stack(kind) => Some(kind),
-            Self::Raw => None,
-        }
     }
 }
 
@@ -189,27 +153,11 @@ impl Source {
     /// When there is no such file, its kind is unknown, or it is not a volume that can be read.
     pub fn open(path: impl AsRef<Path>, options: &SourceOptions) -> Result<Self, SourceError> {
         let path = path.as_ref();
-        let format = match std::fs::metadata(path) {
-            Ok(metadata) if metadata.is_dir() => Format::Stack("a folder"),
-            Ok(_) => Format::of_file(path, options)?,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                if !stack::is_pattern(path) {
-                    return Err(SourceError::Missing { path: path.to_owned() });
-                }
-                Format::Stack("a pattern")
-            }
-            Err(source) => return Err(SourceError::Io { path: path.to_owned(), source }),
-        };
-        if let Some(kind) = format.kind().filter(|_| options.any_raw()) {
+        let format = Format::of(path, options)?;
+        if let Some(kind) = format.headed().filter(|_| options.any_raw()) {
             return Err(SourceError::NotRaw { path: path.to_owned(), kind });
         }
-        match format {
-            Format::Nifti => nifti::open(path, options),
-            Format::Tiff => tiff::open(path, options),
-            Format::Png => stack::open_png(path, options),
-            Format::Stack(_) => stack::open(path, options),
-            Format::Raw => raw::open(path, options),
-        }
+        format.open(path, options)
     }
 
     /// The type that a reader gets.
@@ -310,6 +258,8 @@ impl Source {
         let slice = if self.slices_are_plain() { 0 } else { self.file_slice_bytes() };
         match &self.place {
             Place::Mapped { .. } => None,
+            // bzip2 keeps whole blocks of 900 kB.
+            Place::Stream(place) if place.coding == StreamCoding::Bzip2 => Some(slice + (1 << 22)),
             Place::Stream(_) => Some(slice + (1 << 18)),
             Place::Slices(files) => Some(slice + files.decode_bytes()),
         }

@@ -199,6 +199,7 @@ fn gzip(path: &Path) -> StreamPlace {
         path: path.to_owned(),
         file_offset: 0,
         coding: StreamCoding::Gzip,
+        pick: None,
         offset: 0,
         ends_with_volume: false,
     }

@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 /// How the bytes of a stream are coded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum StreamCoding {
+    /// Not at all: samples as they are.
+    Plain,
     /// A gzip file of one or more members.
     Gzip,
     /// One zlib stream.
@@ -30,7 +32,9 @@ pub(crate) struct StreamPlace {
     pub(crate) file_offset: u64,
     /// How they are coded.
     pub(crate) coding: StreamCoding,
-    /// The decoded byte at which the first voxel is.
+    /// Which of the samples are wanted, where it is not all of them.
+    pub(crate) pick: Option<Pick>,
+    /// The decoded byte, of those that are picked, at which the first voxel is.
     pub(crate) offset: u64,
     /// Whether the data end with the last voxel, so that what follows is a fault.
     pub(crate) ends_with_volume: bool,
@@ -51,12 +55,72 @@ impl StreamPlace {
         file.seek(SeekFrom::Start(self.file_offset)).map_err(io_error)?;
         let file = BufReader::with_capacity(1 << 16, file);
         let reader: Box<dyn Read + Send> = match self.coding {
+            StreamCoding::Plain => Box::new(file),
             StreamCoding::Gzip => Box::new(MultiGzDecoder::new(file)),
             StreamCoding::Zlib => Box::new(ZlibDecoder::new(file)),
             StreamCoding::Bzip2 => Box::new(MultiBzDecoder::new(file)),
             StreamCoding::Ascii(sample_type) => Box::new(ascii::Numbers::new(file, sample_type)),
         };
-        Ok(VoxelStream { path: path.clone(), reader })
+        let mut stream = VoxelStream { path: path.clone(), reader };
+        if let Some(pick) = self.pick {
+            stream.skip(pick.after)?;
+            stream.reader =
+                Box::new(Picked { reader: stream.reader, pick, samples: Vec::new(), at: 0 });
+        }
+        Ok(stream)
+    }
+}
+
+/// One sample out of every group: a channel of interleaved ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Pick {
+    /// Decoded bytes before the first group.
+    pub(crate) after: u64,
+    /// Bytes of a group.
+    pub(crate) group: u64,
+    /// The sample's first byte in it.
+    pub(crate) first: u64,
+    /// The sample's bytes.
+    pub(crate) length: usize,
+}
+
+/// A reader of the picked samples.
+struct Picked {
+    reader: Box<dyn Read + Send>,
+    pick: Pick,
+    samples: Vec<u8>,
+    /// The first byte of `samples` that has not been given.
+    at: usize,
+}
+
+impl Picked {
+    /// Reads a few thousand groups; the last one may not be cut short.
+    fn refill(&mut self) -> io::Result<()> {
+        let Pick { group, first, length, .. } = self.pick;
+        let groups = ((1 << 16) / group).max(1);
+        let mut bytes = Vec::new();
+        self.reader.by_ref().take(groups * group).read_to_end(&mut bytes)?;
+        if !(bytes.len() as u64).is_multiple_of(group) {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        let first = first as usize;
+        let samples = bytes.chunks_exact(group as usize).map(|group| &group[first..first + length]);
+        self.samples.clear();
+        self.samples.extend(samples.flatten());
+        self.at = 0;
+        Ok(())
+    }
+}
+
+impl Read for Picked {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        if self.at == self.samples.len() {
+            self.refill()?;
+        }
+        let count = out.len().min(self.samples.len() - self.at);
+        out[..count].copy_from_slice(&self.samples[self.at..self.at + count]);
+        self.at += count;
+        Ok(count)
     }
 }
 

@@ -13,7 +13,7 @@ pub use error::{PngError, StackError};
 
 use super::tiff::length::VoxelSize;
 use super::tiff::{self, PageKind};
-use super::{Found, Place, SliceFiles, Source, SourceError, SourceOptions, StoredFormat};
+use super::{Found, Place, SliceFiles, Source, SourceError, SourceOptions, StoredFormat, dicom};
 use octree_store::Geometry;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -82,6 +82,13 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let refuse = |source| SourceError::Stack { path: path.to_owned(), source };
     let found = if path.is_dir() { files_of_folder(path)? } else { files_of_pattern(path)? };
     let count = found.len();
+    // Pictures win: one that looks at them wants them.
+    if !found.iter().any(|file| SliceKind::of(file).is_some()) {
+        let series: Vec<_> = found.iter().filter(|file| dicom::is_dicom(file)).cloned().collect();
+        if !series.is_empty() {
+            return dicom::open(series, path, options);
+        }
+    }
     let (slices, others): (Vec<_>, Vec<_>) =
         found.into_iter().partition(|file| SliceKind::of(file).is_some());
     let Some(kind) = slices.first().and_then(|first| SliceKind::of(first)) else {
