@@ -57,6 +57,58 @@ pub(crate) fn gather<T: Sample>(
     }
 }
 
+/// Fills `bricks` with the samples of all children of `parent`, one brick after the other in octant
+/// order, where they are usual bricks that lie wholly inside the volume; else it does nothing and
+/// says so. Each row is read once for the up to eight bricks that share it: half the way of
+/// [`gather`] through the source's pages.
+pub(crate) fn gather_octet<T: Sample>(
+    rows: &impl Rows<T>,
+    geometry: &Geometry,
+    parent: NodeKey,
+    bricks: &mut [T],
+) -> bool {
+    let first = geometry.sample_origin(parent.children()[0]);
+    let dims = geometry.dims_at(parent.level() - 1);
+    let inside = |axis: usize| first[axis] >= 0 && first[axis] as u64 + PAIR as u64 <= dims[axis];
+    let usual = geometry.brick_side() == USUAL_SIDE && geometry.core() == USUAL_CORE as u32;
+    if !usual || !(0..3).all(inside) {
+        return false;
+    }
+    let [x, y, z] = first.map(|v| v as u64);
+    let (bricks, _) = bricks.as_chunks_mut::<USUAL_SIDE>();
+    let mut row = [T::default(); PAIR];
+    for dz in 0..PAIR {
+        for dy in 0..PAIR {
+            rows.read_row([x, y + dy as u64, z + dz as u64], &mut row);
+            let [low, high]: [&[T; USUAL_SIDE]; 2] = [
+                row.first_chunk().expect("a pair is longer than a brick"),
+                row.last_chunk().expect("a pair is longer than a brick"),
+            ];
+            for (bz, lz) in halves(dz) {
+                for (by, ly) in halves(dy) {
+                    // The brick's row: 4 bricks' worth of rows a half of z, 2 a half of y.
+                    let at = ((4 * bz + 2 * by) * USUAL_SIDE + lz) * USUAL_SIDE + ly;
+                    bricks[at] = *low;
+                    bricks[at + USUAL_SIDE * USUAL_SIDE] = *high;
+                }
+            }
+        }
+    }
+    true
+}
+
+/// Which of two neighbouring bricks hold a sample of the pair, and where.
+fn halves(at: usize) -> impl Iterator<Item = (usize, usize)> {
+    [(0, Some(at)), (1, at.checked_sub(USUAL_CORE))]
+        .into_iter()
+        .filter_map(|(half, at)| Some((half, at.filter(|at| *at < USUAL_SIDE)?)))
+}
+
+/// Core samples along the usual brick.
+const USUAL_CORE: usize = 32;
+/// Samples along two usual bricks side by side.
+const PAIR: usize = USUAL_SIDE + USUAL_CORE;
+
 /// Samples along the usual brick: rows of a length that the compiler knows are copied in vectors,
 /// without a call to the C library for each.
 const USUAL_SIDE: usize = 36;
@@ -96,6 +148,30 @@ mod tests {
         ) {
             assert_nearest(dims, 32, 2, 0);
         }
+    }
+
+    #[test]
+    fn an_octet_gathered_at_once_is_its_bricks_gathered_apart() {
+        let geometry = Geometry::new([140, 200, 260], 32, 2).unwrap();
+        let samples = geometry.brick_samples();
+        let (mut bricks, mut brick) = (vec![0; 8 * samples], vec![0; samples]);
+        let mut at_once = 0;
+        for (x, y, z) in
+            (0..3).flat_map(|x| (0..4).flat_map(move |y| (0..5).map(move |z| (x, y, z))))
+        {
+            let parent = NodeKey::new(1, [x, y, z]);
+            if !geometry.contains(parent)
+                || !gather_octet(&Everywhere, &geometry, parent, &mut bricks)
+            {
+                continue;
+            }
+            at_once += 1;
+            for (key, gathered) in parent.children().into_iter().zip(bricks.chunks_exact(samples)) {
+                gather(&Everywhere, &geometry, key, &mut brick);
+                assert!(gathered == brick, "{key}");
+            }
+        }
+        assert_eq!(at_once, 2 * 3, "1 x 2 x 3 octets touch no face of the volume");
     }
 
     fn assert_nearest(dims: [u64; 3], core: u32, overlap: u32, level: u8) {

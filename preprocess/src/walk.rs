@@ -12,7 +12,7 @@
 use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
-use crate::gather::{Rows, gather};
+use crate::gather::{Rows, gather, gather_octet};
 use crate::source::Source;
 use crate::window::{Chunk, Window, WindowPlace};
 use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
@@ -247,14 +247,15 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
 
 /// What a thread keeps from brick to brick.
 struct ThreadScratch<T, S> {
-    brick: Vec<T>,
+    /// The bricks of an octet.
+    bricks: Vec<T>,
     coarse: Vec<T>,
     visitor: S,
 }
 
 impl<T, S: Default> Default for ThreadScratch<T, S> {
     fn default() -> Self {
-        Self { brick: Vec::new(), coarse: Vec::new(), visitor: S::default() }
+        Self { bricks: Vec::new(), coarse: Vec::new(), visitor: S::default() }
     }
 }
 
@@ -398,7 +399,9 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         };
         let mut block = self.blocks.take();
         block.resize(bx * by * bz, T::default());
-        scratch.brick.resize(geometry.brick_samples(), T::default());
+        let samples = geometry.brick_samples();
+        scratch.bricks.resize(8 * samples, T::default());
+        let at_once = gather_octet(rows, geometry, parent, &mut scratch.bricks);
         let mut octet = Octet {
             bricks: Vec::with_capacity(8),
             payloads: self.payloads.take(),
@@ -406,9 +409,12 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         };
         let half = geometry.core() as usize / 2;
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-            gather(rows, geometry, key, &mut scratch.brick);
+            let ThreadScratch { bricks, coarse, visitor } = scratch;
+            let brick = &mut bricks[key.octant() * samples..][..samples];
+            if !at_once {
+                gather(rows, geometry, key, brick);
+            }
             let core = Core::of(geometry, key);
-            let ThreadScratch { brick, coarse, visitor } = scratch;
             let output = self.visitor.visit(key, &core, brick, visitor, &mut octet.payloads)?;
             let mut step = StepDeviation::default();
             if coarsen {

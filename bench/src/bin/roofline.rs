@@ -275,17 +275,9 @@ fn encode(key: NodeKey, brick: &[u16], lz4: Lz4, scratch: &mut Scratch) {
         return;
     }
     if let Lz4::Tried = lz4 {
-        let encoding = Encoding::Quantised8;
         let spans = std::iter::empty();
-        let (_, payload) = encode_brick(
-            key,
-            brick,
-            (encoding, Effort::Balanced),
-            range,
-            spans,
-            &mut scratch.store,
-        );
-        scratch.row.extend_from_slice(&payload);
+        let how = (Encoding::Quantised8, Effort::Balanced);
+        encode_brick(key, brick, how, range, spans, &mut scratch.store, &mut scratch.row);
         return;
     }
     scratch.codes.resize(brick.len(), 0);

@@ -93,11 +93,19 @@ struct SeriesArgs {
     /// Time, from 0
     #[arg(long, value_name = "N")]
     time: Option<u64>,
+    /// Take slices as they are where numbers or positions are missing or uneven
+    #[arg(long)]
+    allow_gaps: bool,
 }
 
 impl SeriesArgs {
     fn source_options(&self) -> SourceOptions {
-        SourceOptions { time: self.time, channel: self.channel, ..SourceOptions::default() }
+        SourceOptions {
+            time: self.time,
+            channel: self.channel,
+            allow_gaps: self.allow_gaps,
+            ..SourceOptions::default()
+        }
     }
 }
 
@@ -117,7 +125,7 @@ impl RawArgs {
             skip: self.skip,
             time: series.and_then(|series| series.time),
             channel: series.and_then(|series| series.channel),
-            ..SourceOptions::default()
+            allow_gaps: series.is_some_and(|series| series.allow_gaps),
         }
     }
 }

@@ -111,6 +111,8 @@ fn min_and_max<T: Sample>(samples: &[T]) -> (T, T) {
 
 /// A brick's record and payload, with the error counted over `measured` samples of it.
 ///
+/// The payload is added to `payloads`, and its length stands in the record.
+///
 /// `samples` is the whole brick and `range` its [`finite_range`]; `measured` yields the indices of its in-volume core voxels. The
 /// record's ranges are the brick's own; its place, child mask and LOD bounds are left at zero.
 pub fn encode_brick<T: Sample>(
@@ -120,7 +122,8 @@ pub fn encode_brick<T: Sample>(
     range: Option<(T, T)>,
     measured: impl Iterator<Item = std::ops::Range<usize>> + Clone,
     scratch: &mut EncodeScratch,
-) -> (NodeRecord, Vec<u8>) {
+    payloads: &mut Vec<u8>,
+) -> NodeRecord {
     // A brick without a finite sample has no range; 0 stands for it.
     let (min, max) = range.unwrap_or_default();
     let mut record = NodeRecord {
@@ -147,28 +150,27 @@ pub fn encode_brick<T: Sample>(
             range.is_some() && samples.iter().all(|sample| sample.same_bits(samples[0]))
         }
     };
-    let payload = match encoding {
+    match encoding {
         _ if uniform => {
             record.state = BrickState::Uniform;
             record.bits = 0;
             count_finite(samples, measured, &mut record.error);
-            Vec::new()
         }
         Encoding::Quantised8 => {
             let quantiser = quantised8::Quantiser::new(min, max);
             scratch.bytes.resize(samples.len(), 0);
             quantiser.quantise(samples, &mut scratch.bytes);
             record.error = quantiser.errors(samples, &scratch.bytes, measured);
-            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer)
+            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer, payloads);
         }
         Encoding::Lossless => {
             count_finite(samples, measured, &mut record.error);
             lossless::shuffle(samples, &mut scratch.bytes);
             record.filter = if size_of::<T>() > 1 { Filter::ByteShuffle } else { Filter::None };
-            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer)
+            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer, payloads);
         }
-    };
-    (record, payload)
+    }
+    record
 }
 
 /// Counts finite samples, all of which come back exactly.
@@ -193,7 +195,10 @@ pub fn encode_samples<T: Sample>(
 ) -> (NodeRecord, Vec<u8>) {
     let all = std::iter::once(0..samples.len());
     let how = (encoding, Effort::default());
-    encode_brick(key, samples, how, finite_range(samples), all, &mut EncodeScratch::default())
+    let (mut scratch, mut payload) = (EncodeScratch::default(), Vec::new());
+    let range = finite_range(samples);
+    let record = encode_brick(key, samples, how, range, all, &mut scratch, &mut payload);
+    (record, payload)
 }
 
 /// Buffers that [`encode_brick`] keeps from brick to brick.

@@ -94,23 +94,28 @@ fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
         piece_tried.copy_from_slice(&bytes[start..start + piece]);
     }
     let tried = &tried[..PIECES * piece];
+    // Pure noise shows in the first quarter of that: LZ4 finds not one match, and makes it longer.
+    let noise = &tried[..PIECES / 4 * piece];
+    if packer.lz4(noise).is_none_or(|packed| packed.len() >= noise.len()) {
+        return false;
+    }
     packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
 }
 
-/// Compresses a brick's bytes, or keeps them raw where that gains nothing, and writes compression,
-/// length and checksum into the record.
+/// Adds a brick's bytes to `payloads`, compressed or raw where that gains nothing, and writes
+/// compression, length and checksum into the record.
 pub(super) fn compress(
     bytes: &[u8],
     effort: Effort,
     record: &mut NodeRecord,
     packer: &mut Packer,
-) -> Vec<u8> {
+    payloads: &mut Vec<u8>,
+) {
     let (compression, payload) = packer.pack(bytes, effort).unwrap_or((Compression::Raw, bytes));
-    let payload = payload.to_vec();
     record.compression = compression;
     record.place.length = payload.len() as u32;
-    record.payload_checksum = XxHash3_128::oneshot(&payload);
-    payload
+    record.payload_checksum = XxHash3_128::oneshot(payload);
+    payloads.extend_from_slice(payload);
 }
 
 /// Checks a payload against its record's checksum.
@@ -185,7 +190,10 @@ mod tests {
     fn encoded(samples: &[u16], encoding: Encoding, effort: Effort) -> (NodeRecord, Vec<u8>) {
         let (key, all) = (NodeKey::new(0, [0; 3]), std::iter::once(0..samples.len()));
         let range = finite_range(samples);
-        encode_brick(key, samples, (encoding, effort), range, all, &mut EncodeScratch::default())
+        let (mut scratch, mut payload) = (EncodeScratch::default(), Vec::new());
+        let how = (encoding, effort);
+        let record = encode_brick(key, samples, how, range, all, &mut scratch, &mut payload);
+        (record, payload)
     }
 
     /// Bytes of low entropy without repetitions: what the codes of a noisy brick are.

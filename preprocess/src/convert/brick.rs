@@ -70,10 +70,11 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
         if key.level() == 0 && self.rules.apply(samples) {
             range = finite_range(samples);
         }
-        let (mut record, mut payload) =
-            encode_brick(key, samples, (self.encoding, self.effort), range, core.rows(), scratch);
+        let how = (self.encoding, self.effort);
+        let before = payloads.len();
+        let mut record = encode_brick(key, samples, how, range, core.rows(), scratch, payloads);
         if self.rules.drops(samples) {
-            payload = Vec::new();
+            payloads.truncate(before);
             record.state = BrickState::Empty;
             record.bits = 0;
             record.filter = Filter::None;
@@ -85,7 +86,6 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
                 record.error.add_all(&samples[row], &empty);
             }
         }
-        payloads.extend_from_slice(&payload);
         Ok(BrickOutput { record, values })
     }
 }

@@ -19,8 +19,9 @@ use std::path::{Path, PathBuf};
 
 /// Convert a volume into a store
 ///
-/// Reads NIfTI-1/2 and Analyze (.nii, .hdr + .img, each also .gz) and raw files. A raw file named
-/// NAME_XxYxZ_TYPE.raw needs no flags.
+/// Reads NIfTI-1/2 and Analyze (.nii, .hdr + .img, each also .gz), TIFF and BigTIFF, folders and quoted
+/// patterns of TIFF or PNG slices, NRRD (.nrrd, .nhdr), MetaImage (.mha, .mhd), DICOM (a folder, .dcm)
+/// and raw files. A raw file named NAME_XxYxZ_TYPE.raw needs no flags.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     octavo convert tooth.nii.gz\n  \
