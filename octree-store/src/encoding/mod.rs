@@ -4,6 +4,7 @@
 //! compression packs them ([`payload`]). Each has an id in FORMAT.md.
 
 mod effort;
+mod integer_errors;
 pub mod lossless;
 pub mod payload;
 pub mod quantised8;

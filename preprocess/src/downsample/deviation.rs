@@ -155,15 +155,19 @@ fn small_deviations<T: Sample>(
     let rows = if last[1] == full { ny } else { ny - 1 };
     let mut total = 0_u64;
     let mut amax = 0;
+    // Lanes that only whole vectors are added to stay vectors.
+    let (mut lanes, mut rest) = (DeviationLanes::default(), DeviationLanes::default());
     for z in 0..nz {
         let weight_z = if z + 1 == nz { last[2] } else { full };
         for (ys, weight_y) in [(0..rows, full), (rows..ny, last[1])] {
-            let mut lanes = DeviationLanes::default();
+            if ys.is_empty() {
+                continue;
+            }
             let mut ends = 0_u64;
             for y in ys {
                 let fine = &brick[core.row(y, z)];
                 let coarse = &coarse[(z / 2 * cy + y / 2) * cx..][..cx];
-                lanes.add(&fine[..body], coarse);
+                add_row(&mut lanes, &mut rest, &fine[..body], coarse);
                 for x in body..nx {
                     let deviation = from_least(fine[x]).abs_diff(from_least(coarse[x / 2]));
                     let weight = if x + 1 == nx { last[0] } else { full };
@@ -172,12 +176,37 @@ fn small_deviations<T: Sample>(
                     amax = amax.max(deviation);
                 }
             }
-            let row = full.wrapping_mul(lanes.squares()).wrapping_add(ends);
+            let squares = lanes.take_squares() + rest.take_squares();
+            let row = full.wrapping_mul(squares).wrapping_add(ends);
             total = total.wrapping_add((weight_y.wrapping_mul(weight_z)).wrapping_mul(row));
-            amax = amax.max(lanes.largest());
         }
     }
-    (total, amax)
+    (total, amax.max(lanes.largest()).max(rest.largest()))
+}
+
+/// Adds an even number of fine cells, and the coarse cells that hold them.
+#[inline(always)]
+fn add_row<T: Sample>(
+    lanes: &mut DeviationLanes,
+    rest: &mut DeviationLanes,
+    fine: &[T],
+    coarse: &[T],
+) {
+    let (fine_pieces, fine) = fine.as_chunks::<32>();
+    let (coarse_pieces, _) = coarse.as_chunks::<16>();
+    for (fine, coarse) in fine_pieces.iter().zip(coarse_pieces) {
+        lanes.add_piece(fine, coarse);
+    }
+    let coarse = &coarse[16 * fine_pieces.len()..];
+    let (fine_pieces, fine) = fine.as_chunks::<8>();
+    let (coarse_pieces, _) = coarse.as_chunks::<4>();
+    for (fine, coarse) in fine_pieces.iter().zip(coarse_pieces) {
+        rest.add_piece(fine, coarse);
+    }
+    let coarse = &coarse[4 * fine_pieces.len()..];
+    for (fine, coarse) in fine.as_chunks::<2>().0.iter().zip(coarse) {
+        rest.add_piece(fine, &[*coarse]);
+    }
 }
 
 /// Squares and largest deviations, two places of a row to a lane. The squares' low and high halves
@@ -190,26 +219,6 @@ struct DeviationLanes {
 }
 
 impl DeviationLanes {
-    /// Adds an even number of fine cells, and the coarse cells that hold them.
-    #[inline(always)]
-    fn add<T: Sample>(&mut self, fine: &[T], coarse: &[T]) {
-        let (fine_pieces, fine) = fine.as_chunks::<32>();
-        let (coarse_pieces, _) = coarse.as_chunks::<16>();
-        for (fine, coarse) in fine_pieces.iter().zip(coarse_pieces) {
-            self.add_piece(fine, coarse);
-        }
-        let coarse = &coarse[16 * fine_pieces.len()..];
-        let (fine_pieces, fine) = fine.as_chunks::<8>();
-        let (coarse_pieces, _) = coarse.as_chunks::<4>();
-        for (fine, coarse) in fine_pieces.iter().zip(coarse_pieces) {
-            self.add_piece(fine, coarse);
-        }
-        let coarse = &coarse[4 * fine_pieces.len()..];
-        for (fine, coarse) in fine.as_chunks::<2>().0.iter().zip(coarse) {
-            self.add_piece(fine, &[*coarse]);
-        }
-    }
-
     /// A loop for each step: the compiler makes a few vector instructions of each.
     #[inline(always)]
     fn add_piece<T: Sample, const FINE: usize, const COARSE: usize>(
@@ -238,12 +247,14 @@ impl DeviationLanes {
         }
     }
 
+    /// The sum of the squares so far; the next begins at 0.
     #[inline(always)]
-    fn squares(&self) -> u64 {
+    fn take_squares(&mut self) -> u64 {
         let mut squares = 0;
         for i in 0..16 {
             squares += u64::from(self.low[i]) + (u64::from(self.high[i]) << 16);
         }
+        (self.low, self.high) = ([0; 16], [0; 16]);
         squares
     }
 

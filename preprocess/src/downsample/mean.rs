@@ -10,21 +10,31 @@ use octree_store::Sample;
 /// Writes the mean of every block.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
 pub(super) fn mean<T: Sample>(blocks: Blocks<'_, T>, coarse: &mut [T]) {
-    for (i, out) in coarse.chunks_exact_mut(blocks.width()).enumerate() {
-        let (rows, count) = blocks.rows(i);
-        let nx = rows[0].len();
-        let (pairs, odd) = out.split_at_mut(nx / 2);
-        match (count, T::TYPE.is_integer() && size_of::<T>() <= 2) {
-            (4, true) => mean_of_rows(rows, pairs),
-            _ => {
-                for (x, out) in pairs.iter_mut().enumerate() {
-                    *out =
-                        mean_of(rows[..count].iter().flat_map(|row| [row[2 * x], row[2 * x + 1]]));
+    let Blocks { brick, core } = blocks;
+    let [nx, ny, nz] = core.extent;
+    let [cx, cy, _] = core.coarse_extent();
+    let small = T::TYPE.is_integer() && size_of::<T>() <= 2;
+    for (z, slice) in coarse.chunks_exact_mut(cx * cy).enumerate() {
+        for (y, out) in slice.chunks_exact_mut(cx).enumerate() {
+            let (pairs, odd) = out.split_at_mut(nx / 2);
+            if small && 2 * y + 1 < ny && 2 * z + 1 < nz {
+                let row = |dy, dz| &brick[core.row(2 * y + dy, 2 * z + dz)];
+                mean_of_rows([row(0, 0), row(1, 0), row(0, 1), row(1, 1)], pairs);
+                for out in odd {
+                    let last = |dy, dz| row(dy, dz)[nx - 1];
+                    let cells = [last(0, 0), last(1, 0), last(0, 1), last(1, 1)];
+                    *out = mean_of(cells.into_iter());
                 }
+                continue;
             }
-        }
-        for out in odd {
-            *out = mean_of(rows[..count].iter().map(|row| row[nx - 1]));
+            let (rows, count) = blocks.rows_at(y, z);
+            let rows = &rows[..count];
+            for (x, out) in pairs.iter_mut().enumerate() {
+                *out = mean_of(rows.iter().flat_map(|row| [row[2 * x], row[2 * x + 1]]));
+            }
+            for out in odd {
+                *out = mean_of(rows.iter().map(|row| row[nx - 1]));
+            }
         }
     }
 }
@@ -32,19 +42,14 @@ pub(super) fn mean<T: Sample>(blocks: Blocks<'_, T>, coarse: &mut [T]) {
 /// Means of 2x2x2 small integers out of four rows, in pieces whose length the compiler knows.
 #[inline(always)]
 fn mean_of_rows<T: Sample>(rows: [&[T]; 4], out: &mut [T]) {
-    let [a, b, c, d] = rows;
-    let mut at = 0;
-    for out in out.as_chunks_mut::<16>().0 {
-        let piece = |row: &[T]| -> [T; 32] {
-            let mut piece = [T::default(); 32];
-            piece.copy_from_slice(&row[at..at + 32]);
-            piece
-        };
-        mean_of_pieces([&piece(a), &piece(b), &piece(c), &piece(d)], out);
-        at += 32;
+    let (out_pieces, out) = out.as_chunks_mut::<16>();
+    let [a, b, c, d] = rows.map(|row| row.as_chunks::<32>().0);
+    for ((((out, a), b), c), d) in out_pieces.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+        mean_of_pieces([a, b, c, d], out);
     }
+    let at = 32 * out_pieces.len();
     let rows = rows.map(|row| &row[at..]);
-    for (x, out) in out.as_chunks_mut::<16>().1.iter_mut().enumerate() {
+    for (x, out) in out.iter_mut().enumerate() {
         let mut sum = 0;
         for row in rows {
             sum += row[2 * x].to_i32() + row[2 * x + 1].to_i32();

@@ -86,9 +86,15 @@ impl<'a, T: Sample> Blocks<'a, T> {
     /// The up to four rows of cells that row `i` of blocks has, y faster than z, and their number.
     #[inline(always)]
     fn rows(&self, i: usize) -> ([&'a [T]; 4], usize) {
+        let cy = self.core.coarse_extent()[1];
+        self.rows_at(i % cy, i / cy)
+    }
+
+    /// The up to four rows of cells of the blocks at (y, z).
+    #[inline(always)]
+    fn rows_at(&self, y: usize, z: usize) -> ([&'a [T]; 4], usize) {
         let [_, ny, nz] = self.core.extent;
-        let cy = ny.div_ceil(2);
-        let (y, z) = (2 * (i % cy), 2 * (i / cy));
+        let (y, z) = (2 * y, 2 * z);
         let mut rows = [&self.brick[..0]; 4];
         let mut count = 0;
         for z in z..(z + 2).min(nz) {

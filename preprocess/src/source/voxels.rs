@@ -42,7 +42,8 @@ impl StoredFormat {
 
     #[inline(always)]
     fn each<S: Sample, T: Sample>(&self, bytes: &[u8], out: &mut [T], value: impl Fn(S) -> T) {
-        let stored = bytes.chunks_exact(size_of::<S>());
+        // As many as there are samples: where the compiler knows their number, it knows this too.
+        let stored = bytes[..size_of::<S>() * out.len()].chunks_exact(size_of::<S>());
         if self.big_endian {
             for (out, bytes) in out.iter_mut().zip(stored) {
                 *out = value(S::from_be_slice(bytes));
