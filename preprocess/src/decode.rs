@@ -57,13 +57,12 @@ impl Decoder<'_> {
     ) -> Result<(), PreprocessError> {
         let [x, y, depth] = self.source.dims_xyz;
         let slice = (x * y) as usize;
-        let mut way = match self.source.slice_files() {
-            Some(files) => Way::Apart(files),
-            None => {
-                let mut slices = self.source.slices()?;
-                slices.skip(self.first_chunk * self.chunk)?;
-                Way::InOrder(slices)
-            }
+        let mut way = if let Some(files) = self.source.slice_files() {
+            Way::Apart(files)
+        } else {
+            let mut slices = self.source.slices()?;
+            slices.skip(self.first_chunk * self.chunk)?;
+            Way::InOrder(slices)
         };
         for z in (self.first_chunk * self.chunk..depth).step_by(self.chunk as usize) {
             let Ok(mut chunk) = blanks.recv() else { return Ok(()) };

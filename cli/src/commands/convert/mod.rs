@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
     octavo convert scan.nii --resume\n  \
     octavo convert scans/*.nii.gz -o stores --jobs 2 --json\n  \
     octavo convert scan.nii --plan")]
+#[allow(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub(super) struct Convert {
     /// The volume, or several: files, folders of slices, quoted globs
     #[arg(required_unless_present = "list", value_name = "INPUT")]
