@@ -208,7 +208,7 @@ fn what_has_changed_meanwhile_is_not_mixed() {
     let before = fs::metadata(&bench.source).unwrap().modified().unwrap();
     let set_time =
         |time| File::options().write(true).open(&bench.source).unwrap().set_modified(time).unwrap();
-    set_time(before + std::time::Duration::from_nanos(1_000));
+    set_time(before + std::time::Duration::from_micros(1));
     refused(&bench, &options(RESUME), "modified");
 
     let voxels = fs::read(&bench.source).unwrap();
