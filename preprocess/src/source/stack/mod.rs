@@ -106,7 +106,7 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let mut notes = Vec::new();
     if let Some(other) = others.first() {
         let other = other.display();
-        notes.push(format!("{} other files are left out, such as {other}", others.len()));
+        notes.push(format!("other files are left out: {}, such as {other}", others.len()));
     }
     open_files(path, kind, files, notes, options)
 }

@@ -39,7 +39,7 @@ impl ImageJ {
             slices: count("slices"),
             frames: count("frames"),
             spacing: number("spacing").filter(|&spacing| spacing != 0.0).map(f64::abs),
-            unit: value("unit").map(str::to_owned),
+            unit: value("unit").filter(|unit| !unit.is_empty()).map(str::to_owned),
             // A straight line with other numbers than 0 and 1; other functions have more.
             calibration: calibration.filter(|&line| line != [0.0, 1.0]),
         })
@@ -84,10 +84,10 @@ impl ImageJ {
             x
         });
         let Some(scale) = scale else {
-            let unit = self.unit.as_deref().unwrap_or("none");
-            notes.push(format!(
-                "its unit of length is '{unit}': mm is assumed (--unit gives another)"
-            ));
+            let said = self.unit.as_ref().map_or("it names no unit of length".into(), |unit| {
+                format!("its unit of length is '{unit}', which is not known")
+            });
+            notes.push(format!("{said}: mm is assumed (--unit gives another)"));
             return VoxelSize { spacing_xyz: [x, y, z], unit: LengthUnit::default(), notes };
         };
         let spacing_xyz = [x, y, z].map(|length| in_unit(length, scale, scale.1));
