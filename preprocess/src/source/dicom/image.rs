@@ -2,8 +2,10 @@
 
 use super::super::{SourceError, world};
 use super::DicomError;
-use super::data_set::{self as tags, Attributes, DataSet, PixelData, WalkError};
+use super::attributes::{self as tags, Attributes};
+use super::data_set::{self, DataSet, PixelData};
 use super::pixels::{self, Coding, FramePlace, PixelFormatBits};
+use super::walk::WalkError;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -68,7 +70,7 @@ pub(super) fn read(path: &Path) -> Result<Option<Image>, SourceError> {
             let what = "coded pixels are not in fragments";
             return Err(wrong(DicomError::Damaged { at: pixel_data.offset, what }));
         }
-        let frames = tags::fragments(&file, bytes, pixel_data, count as usize);
+        let frames = data_set::fragments(&file, bytes, pixel_data, count as usize);
         frames.map_err(walk_error)?.into_iter().map(FramePlace::Coded).collect()
     };
     let frames = places

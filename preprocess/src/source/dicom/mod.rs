@@ -9,6 +9,7 @@
 //! small values are bright, keep their values. The world is left-posterior-superior and becomes
 //! right-anterior-superior.
 
+mod attributes;
 mod data_set;
 mod error;
 mod image;
@@ -16,6 +17,7 @@ mod pixels;
 mod series;
 #[cfg(test)]
 mod tests;
+mod walk;
 
 pub use error::DicomError;
 
