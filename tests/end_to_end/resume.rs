@@ -62,7 +62,7 @@ fn a_killed_conversion_goes_on_to_the_same_store() {
         let done = bench.ok(&format!("convert {NAME} -o a.octavo --resume --json")).json();
         assert_eq!(done["digest"], whole["digest"]);
         resumed += u32::from(done["resumed_bricks"].as_u64().unwrap() > 0);
-        assert_eq!(bench.names(), [NAME, "a.octavo"], "nothing else is left");
+        assert_eq!(bench.names(), ["a.octavo", NAME], "nothing else is left");
         bench.ok("verify a.octavo");
         std::fs::remove_file(bench.path("a.octavo")).unwrap();
     }
@@ -94,7 +94,7 @@ fn a_signal_commits_and_says_how_to_go_on() {
         let done = bench.ok(&format!("convert {NAME} -o a.octavo --resume --json")).json();
         assert_eq!(done["digest"], whole["digest"]);
         assert!(done["resumed_bricks"].as_u64().unwrap() > 100, "{}", done["resumed_bricks"]);
-        assert_eq!(bench.names(), [NAME, "a.octavo"]);
+        assert_eq!(bench.names(), ["a.octavo", NAME]);
         std::fs::remove_file(bench.path("a.octavo")).unwrap();
     }
 }
@@ -108,17 +108,17 @@ fn a_source_that_has_changed_is_refused_and_resume_without_work_begins() {
     assert_eq!(bench.run("convert a_40x33x20_u16.raw -o a.octavo --resume").code, 2, "it is done");
 
     bench.noise(NAME, BYTES);
-    let child = begin(&bench, "--force");
-    // Until something was committed.
-    let index = bench.path("a.octavo.partial");
-    while !std::fs::metadata(&index).is_ok_and(|file| file.len() > 80 << 20) {
+    let mut child = begin(&bench, "--force");
+    // Until some of it is there.
+    let partial = bench.path("a.octavo.partial");
+    while !std::fs::metadata(&partial).is_ok_and(|file| file.len() > 10 << 20) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended too soon");
         sleep(Duration::from_millis(1));
     }
     signal(&child, "INT");
     child.wait_with_output().unwrap();
     bench.noise(NAME, BYTES);
-    let refused = bench.run(&format!("convert {NAME} -o b.octavo --resume"));
-    assert_eq!(refused.code, 0, "another output is another work: {}", refused.err);
+    bench.ok(&format!("convert {NAME} -o b.octavo --resume"));
     std::fs::remove_file(bench.path("a.octavo")).unwrap();
     let refused = bench.run(&format!("convert {NAME} -o a.octavo --resume"));
     assert_eq!(refused.code, 2, "{}", refused.err);

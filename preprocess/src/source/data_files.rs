@@ -128,7 +128,16 @@ pub(super) fn beside(header: &Path, name: &str) -> Result<PathBuf, SourceError> 
             let source = io::Error::new(io::ErrorKind::InvalidInput, "this is no regular file");
             Err(SourceError::Io { path, source })
         }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+        // A name that no file can have is the header's fault as much as one that none has.
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::NotFound
+                    | io::ErrorKind::NotADirectory
+                    | io::ErrorKind::InvalidFilename
+                    | io::ErrorKind::InvalidInput
+            ) =>
+        {
             Err(SourceError::PartnerMissing { path: header.to_owned(), partner: path })
         }
         Err(source) => Err(SourceError::Io { path, source }),
