@@ -94,11 +94,6 @@ fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
         piece_tried.copy_from_slice(&bytes[start..start + piece]);
     }
     let tried = &tried[..PIECES * piece];
-    // Pure noise shows in the first quarter of that: LZ4 finds not one match, and makes it longer.
-    let noise = &tried[..PIECES / 4 * piece];
-    if packer.lz4(noise).is_none_or(|packed| packed.len() >= noise.len()) {
-        return false;
-    }
     packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
 }
 
