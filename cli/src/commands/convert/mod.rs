@@ -286,10 +286,47 @@ impl Convert {
     }
 }
 
-/// The input's stem and `.octavo`, in the folder where we are.
+/// The input's stem and `.octavo`, in the folder where we are: of a folder its whole name, of a pattern
+/// what comes before its first wildcard, or the name of its folder.
 fn default_output(input: &Path) -> PathBuf {
-    let name = input.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
+    let name_of = |path: &Path| {
+        path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
+    };
+    let name = name_of(input);
+    if input.is_dir() {
+        // `scan/` and `.` have the name of the folder that they stand for.
+        let whole = input.canonicalize().map(|path| name_of(&path)).unwrap_or_default();
+        return PathBuf::from(format!("{}.octavo", if name.is_empty() { whole } else { name }));
+    }
+    if let Some(wild) = name.find(['*', '?', '[']).filter(|_| !input.exists()) {
+        let before = name[..wild].trim_end_matches(['_', '-', '.', ' ']).to_owned();
+        let folder = input.parent().map(name_of).unwrap_or_default();
+        let stem = [before, folder].into_iter().find(|stem| !stem.is_empty());
+        return PathBuf::from(format!("{}.octavo", stem.unwrap_or_else(|| "slices".into())));
+    }
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     PathBuf::from(format!("{stem}.octavo"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_are_named_after_their_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let scan = folder.path().join("scan.2026");
+        std::fs::create_dir(&scan).unwrap();
+        for (input, output) in [
+            (Path::new("a/tooth.nii.gz"), "tooth.octavo"),
+            (Path::new("scan_4x4x4_u8.raw"), "scan_4x4x4_u8.octavo"),
+            (&scan, "scan.2026.octavo"),
+            (Path::new("scan/slice_*.tif"), "slice.octavo"),
+            (Path::new("scan/*.tif"), "scan.octavo"),
+            (Path::new("*.png"), "slices.octavo"),
+        ] {
+            assert_eq!(default_output(input), Path::new(output), "{}", input.display());
+        }
+    }
 }
