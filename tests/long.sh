@@ -5,6 +5,9 @@ cd "$(dirname "$0")/.."
 PROPTEST_CASES=2000 cargo nextest run --workspace -E 'kind(lib)'
 PROPTEST_CASES=200 cargo nextest run -p preprocess -E 'binary(laws)'
 
+# Fifty kills of the program at random moments, each gone on with.
+OCTAVO_TEST_KILLS=50 cargo nextest run -p octavo -E 'test(a_killed_conversion)'
+
 cargo build --release --workspace
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
