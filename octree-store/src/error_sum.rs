@@ -1,6 +1,6 @@
 //! How far what a reader gets lies from the source: RMS and AMAX as sums that can be merged.
 
-use crate::exact_sum::CompensatedSum;
+use crate::exact_sum::ExactSum;
 use crate::sample::Sample;
 
 /// Errors of a set of voxels, in source units: the sum of their squares and their largest.
@@ -79,6 +79,18 @@ impl ErrorSum {
         }
     }
 
+    /// What stands for so many voxels of which the RMS alone is known.
+    pub(crate) fn of_rms(voxels: u64, rms: f64) -> Self {
+        let scaled = rms * scale(rms);
+        Self { voxels, squares: voxels as f64 * (scaled * scaled), amax: rms }
+    }
+
+    /// The sum of the squared errors in source units; infinite where f64 cannot hold it.
+    pub fn energy(&self) -> f64 {
+        let scale = scale(self.amax);
+        self.squares / scale / scale
+    }
+
     /// The root mean square error; 0 where nothing was measured.
     pub fn rms(&self) -> f64 {
         if self.voxels == 0 {
@@ -94,8 +106,9 @@ impl ErrorSum {
     }
 }
 
-/// Errors of many bricks, summed apart for each scale of the squares.
-#[derive(Debug, Default)]
+/// Errors of many bricks, summed apart for each scale of the squares, and exactly: neither order nor
+/// grouping matters.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ErrorTotal {
     voxels: u64,
     tiny: Part,
@@ -104,14 +117,14 @@ pub struct ErrorTotal {
 }
 
 /// Bricks of one scale.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default, PartialEq)]
 struct Part {
-    squares: CompensatedSum,
+    squares: ExactSum,
     amax: f64,
 }
 
 impl ErrorTotal {
-    /// Adds a brick's errors; the order matters to the last bit alone.
+    /// Adds a brick's errors.
     pub fn add(&mut self, error: &ErrorSum) {
         self.voxels += error.voxels;
         let part = match scale(error.amax) {
@@ -121,6 +134,19 @@ impl ErrorTotal {
         };
         part.squares.add(error.squares);
         part.amax = part.amax.max(error.amax);
+    }
+
+    /// Adds the errors of other bricks.
+    pub fn merge(&mut self, other: &Self) {
+        self.voxels += other.voxels;
+        for (part, other) in [
+            (&mut self.tiny, &other.tiny),
+            (&mut self.plain, &other.plain),
+            (&mut self.huge, &other.huge),
+        ] {
+            part.squares.merge(&other.squares);
+            part.amax = part.amax.max(other.amax);
+        }
     }
 
     /// The errors of all bricks.
@@ -197,6 +223,62 @@ mod tests {
             assert!((total.rms() / (unit * (26.0_f64 / 6.0).sqrt()) - 1.0).abs() < 1e-15, "{unit}");
             assert_eq!((total.voxels, total.amax), (6, 4.0 * unit));
         }
+    }
+
+    #[test]
+    fn totals_can_be_merged_in_any_grouping() {
+        let brick = |errors: &[f64]| {
+            let mut brick = ErrorSum::default();
+            for error in errors {
+                brick.add(*error);
+            }
+            brick
+        };
+        // Squares of every scale whose plain sum would depend on the order.
+        let bricks =
+            [&[1e-250, 3e-240][..], &[0.1], &[1e15, 0.3], &[1e200], &[7e8], &[]].map(brick);
+        let mut whole = ErrorTotal::default();
+        for brick in &bricks {
+            whole.add(brick);
+        }
+        for cut in 0..bricks.len() {
+            let (mut left, mut right) = (ErrorTotal::default(), ErrorTotal::default());
+            for brick in bricks[..cut].iter().rev() {
+                left.add(brick);
+            }
+            for brick in bricks[cut..].iter().rev() {
+                right.add(brick);
+            }
+            right.merge(&left);
+            assert_eq!(right, whole);
+            assert_eq!(right.total(), whole.total());
+        }
+    }
+
+    #[test]
+    fn a_known_rms_of_many_voxels_stands_for_them() {
+        for unit in [1e-250, 1.0, 1e200] {
+            let mut total = ErrorTotal::default();
+            total.add(&ErrorSum::of_rms(3, 2.0 * unit));
+            total.add(&ErrorSum::of_rms(1, 4.0 * unit));
+            let expected = 7_f64.sqrt() * unit; // (3 x 4 + 16) / 4
+            assert!((total.total().rms() / expected - 1.0).abs() < 1e-15, "{unit}");
+        }
+    }
+
+    #[test]
+    fn energy_is_the_sum_of_squares_in_source_units() {
+        let of = |errors: [f64; 2]| {
+            let mut sum = ErrorSum::default();
+            for error in errors {
+                sum.add(error);
+            }
+            sum.energy()
+        };
+        assert_eq!(of([3.0, 4.0]), 25.0);
+        assert_eq!(of([2_f64.powi(-460), 0.0]), 2_f64.powi(-920));
+        assert_eq!(of([2_f64.powi(505), 0.0]), 2_f64.powi(1010));
+        assert_eq!(of([1e300, 0.0]), f64::INFINITY);
     }
 
     #[test]

@@ -52,6 +52,7 @@
 //! # }
 //! ```
 
+mod compensated_sum;
 pub mod digest;
 pub mod encoding;
 mod error;
@@ -67,10 +68,11 @@ mod store;
 mod summary;
 pub mod verify;
 
+pub use compensated_sum::{CompensatedSum, WeightedRms};
 pub use encoding::{Effort, Encoding, encode_samples};
 pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
-pub use exact_sum::{CompensatedSum, WeightedRms};
+pub use exact_sum::ExactSum;
 pub use geometry::{Geometry, GeometryError, Region};
 pub use key::NodeKey;
 pub use metadata::{

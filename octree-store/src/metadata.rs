@@ -162,6 +162,12 @@ pub struct Metadata {
     pub dropped_rms: f64,
     /// Largest such error.
     pub dropped_amax: f64,
+    /// Sum of the squares of such errors.
+    pub dropped_energy: f64,
+    /// Least finite sample of the bricks that were dropped, overlap included.
+    pub dropped_min: Option<f64>,
+    /// Greatest finite sample of the bricks that were dropped, overlap included.
+    pub dropped_max: Option<f64>,
     /// The levels, finest first.
     pub levels: Vec<LevelSummary>,
     /// Bytes of all payloads.
@@ -217,6 +223,9 @@ impl Metadata {
             dropped_voxels: 0,
             dropped_rms: 0.0,
             dropped_amax: 0.0,
+            dropped_energy: 0.0,
+            dropped_min: None,
+            dropped_max: None,
             levels: Vec::new(),
             payload_bytes: 0,
             source: SourceDescription::default(),

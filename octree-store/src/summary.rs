@@ -1,10 +1,9 @@
 //! Sums over all records: what the metadata says of levels, errors and dropped voxels.
 //!
-//! The sums are made in key order from the records alone, so they depend neither on threads nor on
-//! the order of work, and a verification can make them anew.
+//! The sums are exact and made from the records alone, so they depend neither on threads nor on the
+//! order of work, and a verification can make them anew.
 
-use crate::error_sum::ErrorTotal;
-use crate::exact_sum::WeightedRms;
+use crate::error_sum::{ErrorSum, ErrorTotal};
 use crate::geometry::Geometry;
 use crate::metadata::{LevelSummary, Metadata};
 use crate::record::{BrickState, NodeRecord};
@@ -15,6 +14,8 @@ pub(crate) struct Summary {
     geometry: Geometry,
     levels: Vec<LevelSums>,
     dropped: ErrorTotal,
+    /// Least and greatest sample of dropped bricks.
+    dropped_range: Option<(f64, f64)>,
     /// Voxels in dropped bricks, those that are no numbers included.
     dropped_voxels: u64,
 }
@@ -26,14 +27,20 @@ struct LevelSums {
     empty: u64,
     payload_bytes: u64,
     kept: ErrorTotal,
-    lod_rms: WeightedRms,
+    lod_rms: ErrorTotal,
     lod_amax: f64,
 }
 
 impl Summary {
     pub(crate) fn new(geometry: &Geometry) -> Self {
         let levels = geometry.levels().map(|_| LevelSums::default()).collect();
-        Self { geometry: *geometry, levels, dropped: ErrorTotal::default(), dropped_voxels: 0 }
+        Self {
+            geometry: *geometry,
+            levels,
+            dropped: ErrorTotal::default(),
+            dropped_range: None,
+            dropped_voxels: 0,
+        }
     }
 
     /// Adds the next record in key order; records outside the geometry are passed over.
@@ -52,9 +59,14 @@ impl Summary {
             level.kept.add(&record.error);
         } else if record.key.level() == 0 {
             self.dropped.add(&record.error);
+            self.dropped_range = Some(match self.dropped_range {
+                None => (record.brick_min, record.brick_max),
+                Some((min, max)) => (min.min(record.brick_min), max.max(record.brick_max)),
+            });
             self.dropped_voxels += self.geometry.core_region(record.key).voxels();
         }
-        level.lod_rms.add(self.geometry.voxels_beneath(record.key) as f64, record.lod_rms_bound);
+        let voxels = self.geometry.voxels_beneath(record.key);
+        level.lod_rms.add(&ErrorSum::of_rms(voxels, record.lod_rms_bound));
         level.lod_amax = level.lod_amax.max(record.lod_amax_bound);
     }
 
@@ -67,6 +79,9 @@ impl Summary {
         metadata.dropped_voxels = self.dropped_voxels;
         metadata.dropped_rms = dropped.rms();
         metadata.dropped_amax = dropped.amax;
+        metadata.dropped_energy = dropped.energy().min(f64::MAX);
+        metadata.dropped_min = self.dropped_range.map(|(min, _)| min);
+        metadata.dropped_max = self.dropped_range.map(|(_, max)| max);
     }
 
     fn level(&self, level: u8, sums: &LevelSums) -> LevelSummary {
@@ -81,7 +96,7 @@ impl Summary {
             payload_bytes: sums.payload_bytes,
             rms: kept.rms(),
             amax: kept.amax,
-            lod_rms_bound: sums.lod_rms.value(),
+            lod_rms_bound: sums.lod_rms.total().rms(),
             lod_amax_bound: sums.lod_amax,
         }
     }

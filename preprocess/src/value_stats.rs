@@ -2,13 +2,14 @@
 
 use crate::downsample::Core;
 use multiversion::multiversion;
-use octree_store::{CompensatedSum, Sample};
+use octree_store::{CompensatedSum, ExactSum, Sample};
+use serde::{Deserialize, Serialize};
 
 /// Values of the in-volume core voxels of one brick.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct BrickValues {
     finite: u64,
-    sum: f64,
+    sum: ExactSum,
     nan: u64,
     infinite: u64,
     min_max: Option<(f64, f64)>,
@@ -45,7 +46,7 @@ fn sums<T: Sample>(brick: &[T], core: &Core) -> BrickValues {
             }
         }
         values.finite = core.extent.iter().map(|&n| n as u64).product();
-        values.sum = sum as f64;
+        values.sum.add(sum as f64);
     } else {
         let mut sum = CompensatedSum::default();
         for v in core.rows().flat_map(|row| &brick[row]) {
@@ -56,7 +57,16 @@ fn sums<T: Sample>(brick: &[T], core: &Core) -> BrickValues {
                 sum.add(v.to_f64());
             }
         }
-        values.sum = sum.value();
+        values.sum = match sum.to_parts() {
+            [sum, error] if sum.is_finite() && error.is_finite() => {
+                [sum, error].into_iter().collect()
+            }
+            // Voxel by voxel where f64 cannot hold the sum.
+            _ => {
+                let voxels = core.rows().flat_map(|row| &brick[row]);
+                voxels.map(|v| v.to_f64()).filter(|v| v.is_finite()).collect()
+            }
+        };
     }
     values
 }
@@ -86,11 +96,11 @@ fn sum_of_small<T: Sample>(brick: &[T], core: &Core) -> i64 {
     sum
 }
 
-/// Values of a volume, brick by brick.
-#[derive(Debug, Clone, Default)]
+/// Values of a volume, brick by brick, in any order.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct VolumeValues {
     finite: u64,
-    sum: CompensatedSum,
+    sum: ExactSum,
     /// Voxels that are NaN.
     pub(crate) nan: u64,
     /// Voxels that are infinite.
@@ -100,10 +110,10 @@ pub(crate) struct VolumeValues {
 }
 
 impl VolumeValues {
-    /// Adds the next brick; bricks come in one order whatever the threads.
+    /// Adds a brick.
     pub(crate) fn add(&mut self, brick: &BrickValues) {
         self.finite += brick.finite;
-        self.sum.add(brick.sum);
+        self.sum.merge(&brick.sum);
         self.nan += brick.nan;
         self.infinite += brick.infinite;
         self.min_max = match (self.min_max, brick.min_max) {
@@ -112,27 +122,9 @@ impl VolumeValues {
         };
     }
 
-    /// The numbers it is made of, as the bits of f64 where they are no counts: JSON has no infinities.
-    pub(crate) fn to_bits(&self) -> [u64; 8] {
-        let (min, max) = self.min_max.unwrap_or_default();
-        let [sum, error] = self.sum.to_parts();
-        let [sum, error, min, max] = [sum, error, min, max].map(f64::to_bits);
-        let any = u64::from(self.min_max.is_some());
-        [self.finite, sum, error, self.nan, self.infinite, any, min, max]
-    }
-
-    /// The values of these numbers.
-    pub(crate) fn from_bits(bits: [u64; 8]) -> Self {
-        let [finite, sum, error, nan, infinite, any, min, max] = bits;
-        let [sum, error, min, max] = [sum, error, min, max].map(f64::from_bits);
-        let sum = CompensatedSum::from_parts([sum, error]);
-        Self { finite, sum, nan, infinite, min_max: (any == 1).then_some((min, max)) }
-    }
-
     /// The mean of the finite voxels.
     pub(crate) fn mean(&self) -> Option<f64> {
-        let mean = self.sum.value() / self.finite as f64;
-        (self.finite > 0 && mean.is_finite()).then_some(mean)
+        self.sum.mean(self.finite)
     }
 }
 
@@ -165,7 +157,10 @@ mod tests {
                 (0..74 * 74 * 74).map(|i| T::from_le_slice(&at(i)[..size_of::<T>()])).collect();
             let plain: f64 = core.rows().flat_map(|row| &brick[row]).map(|v| v.to_f64()).sum();
             let values = BrickValues::of(&brick, &core, None);
-            assert_eq!((values.sum, values.finite), (plain, core.rows().flatten().count() as u64));
+            assert_eq!(
+                (values.sum.value(), values.finite),
+                (plain, core.rows().flatten().count() as u64)
+            );
         }
         for extent in [[70, 70, 70], [32, 32, 32], [31, 1, 5], [1, 7, 1], [64, 3, 2]] {
             check::<u8>(extent);
@@ -176,7 +171,30 @@ mod tests {
         }
         let core = Core { side: 128, overlap: 0, extent: [128; 3] };
         let values = BrickValues::of(&vec![i16::MIN; 1 << 21], &core, None);
-        assert_eq!(values.sum, -32768.0 * f64::from(1 << 21));
+        assert_eq!(values.sum.value(), -32768.0 * f64::from(1 << 21));
+    }
+
+    #[test]
+    fn a_brick_whose_sum_overflows_has_a_mean() {
+        assert_eq!(values(&[f64::MAX; 100]).mean(), Some(f64::MAX));
+        assert_eq!(values(&[f64::MAX, f64::MAX, f64::MIN, f64::MIN, 5.0]).mean(), Some(1.0));
+    }
+
+    #[test]
+    fn the_order_of_bricks_does_not_matter() {
+        let core = Core { side: 2, overlap: 0, extent: [2, 1, 1] };
+        let bricks = [[0.1, 1e300], [-1e300, 7.0], [1e-300, f64::NAN]]
+            .map(|brick| BrickValues::of(&brick, &core, finite_range(&brick)));
+        let of = |order: [usize; 3]| {
+            let mut volume = VolumeValues::default();
+            for brick in order {
+                volume.add(&bricks[brick]);
+            }
+            volume
+        };
+        assert_eq!(of([0, 1, 2]), of([2, 1, 0]));
+        assert_eq!(of([0, 1, 2]), of([1, 2, 0]));
+        assert_eq!(of([0, 1, 2]).mean(), Some(7.1 / 5.0));
     }
 
     #[test]

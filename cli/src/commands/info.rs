@@ -49,9 +49,12 @@ pub(super) fn error_line(metadata: &Metadata) -> String {
 
 /// What was dropped, in words.
 pub(super) fn dropped_line(metadata: &Metadata) -> String {
+    let Metadata { dropped_voxels, empty_value, dropped_rms, dropped_amax, .. } = metadata;
+    let range = metadata.dropped_min.zip(metadata.dropped_max);
+    let range = range.map_or_else(String::new, |(min, max)| format!(" of {min} to {max}"));
     format!(
-        "{} voxels in dropped bricks read as {}: RMS {:.4}, AMAX {} there",
-        metadata.dropped_voxels, metadata.empty_value, metadata.dropped_rms, metadata.dropped_amax
+        "{dropped_voxels} voxels{range} in dropped bricks read as {empty_value}: RMS {dropped_rms:.4}, AMAX {dropped_amax}, energy {:.4e} there",
+        metadata.dropped_energy
     )
 }
 

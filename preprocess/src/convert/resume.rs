@@ -28,7 +28,7 @@ const SAMPLES: u64 = 64;
 const SAMPLE_BYTES: u64 = 4096;
 
 /// How far a conversion is, and of what.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct State {
     /// The program that wrote it: another version may work in another order.
     version: String,
@@ -39,7 +39,7 @@ pub(super) struct State {
     pub(super) octets: u64,
     /// Bricks in them.
     pub(super) bricks: u64,
-    values: [u64; 8],
+    pub(super) values: VolumeValues,
 }
 
 impl State {
@@ -55,17 +55,13 @@ impl State {
             fingerprint: Fingerprint::of(source)?,
             octets: 0,
             bricks: 0,
-            values: VolumeValues::default().to_bits(),
+            values: VolumeValues::default(),
         })
-    }
-
-    pub(super) fn values(&self) -> VolumeValues {
-        VolumeValues::from_bits(self.values)
     }
 
     /// The state after so many octets and bricks of such values.
     pub(super) fn at(&self, octets: u64, bricks: u64, values: &VolumeValues) -> Self {
-        Self { octets, bricks, values: values.to_bits(), ..self.clone() }
+        Self { octets, bricks, values: values.clone(), ..self.clone() }
     }
 
     pub(super) fn to_bytes(&self) -> Vec<u8> {

@@ -78,7 +78,7 @@ pub(super) fn make_bricks<T: Sample>(
         tree: Tree::new(plan.geometry, encoder.rules.empty_value, pending),
         octets: state.octets,
         bricks: state.bricks,
-        values: state.values(),
+        values: state.values.clone(),
         state,
         source_bytes: 0,
         commit_bytes: plan.commit_source_bytes,

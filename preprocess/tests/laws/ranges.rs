@@ -112,6 +112,9 @@ fn dropped_bricks_are_counted_apart_and_read_as_the_empty_value() {
     let rms = (dropped.iter().map(|v| v * v).sum::<f64>() / dropped.len() as f64).sqrt();
     assert!((metadata.dropped_rms - rms).abs() < 1e-9 * rms);
     assert_eq!(metadata.dropped_amax, dropped.iter().copied().fold(0.0, f64::max));
+    assert_eq!(metadata.dropped_energy, dropped.iter().map(|v| v * v).sum::<f64>());
+    // Bricks of x < 16 have samples up to x = 17: from 100 at the origin to 100 + 17 + 15 + 15.
+    assert_eq!((metadata.dropped_min, metadata.dropped_max), (Some(100.0), Some(147.0)));
     assert_eq!((metadata.levels[0].rms, metadata.levels[0].empty), (0.0, 8));
     let mut brick = vec![1_u16; made.store.geometry().brick_samples()];
     let key = NodeKey::new(0, [1, 0, 0]);
