@@ -119,7 +119,9 @@ fn check_node<T: Sample>(
     if record.subtree_min > record.brick_min || record.subtree_max < record.brick_max {
         return wrong("its subtree's range does not hold its own");
     }
-    if (record.state == BrickState::Stored) != (record.place.length > 0) {
+    // A stored brick of which one code says all has no payload.
+    let has_payload = record.state == BrickState::Stored && record.bits > 0;
+    if has_payload != (record.place.length > 0) {
         return wrong("its state and its payload's length disagree");
     }
     store.decode_brick(&record, scratch, samples)?;

@@ -4,7 +4,9 @@ use super::guard::{Failure, guard};
 use super::index_backend::IndexBackend;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
 use super::tables::ReadTables;
-use crate::encoding::{Encoding, lossless, payload, quantised8};
+use crate::encoding::bounded::Anchor;
+use crate::encoding::decode::{DecodeScratch, Decoding};
+use crate::encoding::payload;
 use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
@@ -91,7 +93,7 @@ fn newer(path: &Path, found: u32) -> StoreError {
 #[derive(Debug, Default)]
 pub struct BrickScratch {
     payload: Vec<u8>,
-    unpacked: payload::Unpacker,
+    decode: DecodeScratch,
 }
 
 /// The records of a node's children, in octant order.
@@ -292,9 +294,10 @@ impl Store {
             BrickState::Uniform => samples.fill(T::from_f64(record.brick_min)),
             BrickState::Empty => samples.fill(T::from_f64(self.metadata.empty_value)),
             BrickState::Stored => {
-                let BrickScratch { payload, unpacked } = scratch;
+                let BrickScratch { payload, decode } = scratch;
                 self.fetch_payload(record, payload)?;
-                decode_payload(record, payload, unpacked, samples)
+                self.decoding()
+                    .decode(record, payload, decode, samples)
                     .map_err(|damage| self.damaged(record.key, damage))?;
             }
         }
@@ -314,6 +317,13 @@ impl Store {
             let record = self.read_brick(key, &mut BrickScratch::default(), &mut samples)?;
             Ok((record, T::wrap(samples)))
         })
+    }
+
+    /// What payloads depend on.
+    fn decoding(&self) -> Decoding {
+        let stored = self.metadata.stored_overlap;
+        let anchor = if stored { Anchor::Brick } else { Anchor::Lattice };
+        Decoding { encoding: self.metadata.encoding, anchor }
     }
 
     /// Checks that the store's samples are `T`.
@@ -381,25 +391,4 @@ impl Store {
             other => other.at(&self.path),
         }
     }
-}
-
-/// Decodes a checked payload into samples.
-fn decode_payload<T: Sample>(
-    record: &NodeRecord,
-    payload: &[u8],
-    unpacked: &mut payload::Unpacker,
-    samples: &mut [T],
-) -> Result<(), Damage> {
-    match record.encoding {
-        Encoding::Quantised8 => {
-            let codes = payload::unpack(record, payload, samples.len(), unpacked)?;
-            let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
-            quantised8::Quantiser::new(min, max).decode(codes, samples);
-        }
-        Encoding::Lossless => {
-            let bytes = payload::unpack(record, payload, size_of_val(samples), unpacked)?;
-            lossless::unshuffle(bytes, samples);
-        }
-    }
-    Ok(())
 }

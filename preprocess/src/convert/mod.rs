@@ -24,6 +24,7 @@ use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
 use brick::BrickEncoder;
+use octree_store::encoding::BrickFormat;
 use octree_store::{
     DownsampleFilter, Effort, Encoding, Metadata, Region, Sample, SampleType, StoreWriter,
     with_sample_type,
@@ -226,8 +227,8 @@ pub fn convert(
     let Begun { mut writer, state, kept, scratch } = begun;
     let resumed_bricks = state.bricks;
     progress.bricks_done(resumed_bricks);
-    let encoder =
-        BrickEncoder { encoding: options.encoding, effort: options.effort, rules: &rules };
+    let format = BrickFormat::stored(options.encoding, options.effort);
+    let encoder = BrickEncoder { format, rules: &rules };
     let work = Work { source, plan: &plan, state, pending: kept.pending(&plan.geometry) };
     let earlier = Earlier { octets: work.state.octets, scratch: Some(Arc::new(scratch)) };
     let made = with_sample_type!(source.sample_type(), T => {

@@ -159,7 +159,8 @@ pub(crate) fn folder_of(path: &Path) -> PathBuf {
 fn coded_bytes(geometry: &Geometry, encoding: Encoding, sample_bytes: u64) -> u64 {
     let bytes = match encoding {
         Encoding::Quantised8 => 1,
-        Encoding::Lossless => sample_bytes,
+        // A brick that the bound's codes cannot hold is lossless.
+        Encoding::Lossless | Encoding::MaxError(_) => sample_bytes,
     };
     geometry.brick_samples() as u64 * bytes
 }

@@ -60,9 +60,10 @@ pub(super) struct Convert {
     /// Voxels of the neighbours on every side of the core: 0 to 4
     #[arg(long, value_name = "N", default_value_t = 2)]
     overlap: u32,
-    /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact
-    #[arg(long, value_enum, default_value_t = EncodingName::U8)]
-    encoding: EncodingName,
+    /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact; with
+    /// max-error=E each brick takes the fewest bits that keep every voxel within E of the source
+    #[arg(long, value_name = "u8|lossless|max-error=E", default_value_t = Encoding::Quantised8)]
+    encoding: Encoding,
     /// How much work goes into a small store: fast stores bricks as they are, balanced tries LZ4,
     /// small uses Zstandard
     #[arg(long, value_enum, default_value_t = EffortName::Balanced)]
@@ -111,12 +112,6 @@ pub(super) struct Convert {
 struct Job {
     input: PathBuf,
     output: PathBuf,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum EncodingName {
-    U8,
-    Lossless,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -252,10 +247,7 @@ impl Convert {
         ConvertOptions {
             brick_core: self.brick,
             brick_overlap: self.overlap,
-            encoding: match self.encoding {
-                EncodingName::U8 => Encoding::Quantised8,
-                EncodingName::Lossless => Encoding::Lossless,
-            },
+            encoding: self.encoding,
             effort: match self.effort {
                 EffortName::Fast => Effort::Fast,
                 EffortName::Balanced => Effort::Balanced,
