@@ -67,7 +67,9 @@ mod store;
 mod summary;
 pub mod verify;
 
-pub use encoding::{Effort, Encoding, MaxError, encode_samples};
+pub use encoding::{
+    Effort, Encoding, MaxError, OverlapAtRest, Upload, UploadFormat, ValueMap, encode_samples,
+};
 pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
 pub use exact_sum::{CompensatedSum, WeightedRms};

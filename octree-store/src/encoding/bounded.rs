@@ -98,6 +98,11 @@ impl<T: Sample> Quantiser<T> {
         (u16::BITS - self.last.leading_zeros()) as u8
     }
 
+    /// The greatest code.
+    pub fn last(&self) -> u16 {
+        self.last
+    }
+
     /// `(scale, offset)` such that code q reads as `scale * q + offset`, but for clamping to the range
     /// and rounding.
     pub fn value_map(&self) -> (f64, f64) {

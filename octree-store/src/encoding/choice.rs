@@ -66,6 +66,16 @@ impl<'de> Deserialize<'de> for Encoding {
     }
 }
 
+/// Where the overlap of bricks is while a store rests.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub enum OverlapAtRest {
+    /// In every brick's payload: a brick is one read.
+    #[default]
+    Stored,
+    /// Nowhere: a reader who needs it takes it from the neighbours' cores.
+    Assembled,
+}
+
 /// A bound on errors, in source units: finite, 0 or more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct MaxError {

@@ -23,7 +23,19 @@ pub(crate) struct Decoding {
     pub(crate) anchor: Anchor,
 }
 
+impl DecodeScratch {
+    /// A buffer for codes.
+    pub(super) fn codes(&mut self) -> &mut Vec<u64> {
+        &mut self.codes
+    }
+}
+
 impl Decoding {
+    /// Whether payloads hold the overlap: else the quantisers of all bricks share a lattice.
+    pub(super) fn stored_overlap(&self) -> bool {
+        self.anchor == Anchor::Brick
+    }
+
     /// The quantiser of a `max-error` brick.
     ///
     /// # Errors

@@ -15,11 +15,13 @@ pub mod payload;
 mod predict;
 pub mod quantised8;
 mod store_words;
+mod upload;
 pub(crate) mod words;
 
-pub use choice::{Encoding, MaxError};
+pub use choice::{Encoding, MaxError, OverlapAtRest};
 pub use effort::Effort;
 pub use filter::{Arrangement, Filter, Prediction};
+pub use upload::{Upload, UploadFormat, ValueMap};
 
 use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;

@@ -145,7 +145,7 @@ pub(crate) fn restore<W: Word>(
 }
 
 /// `count` words of a buffer that serves words of any width.
-pub(super) fn buffer<W: Word>(buffer: &mut Vec<u64>, count: usize) -> &mut [W] {
+pub(crate) fn buffer<W: Word>(buffer: &mut Vec<u64>, count: usize) -> &mut [W] {
     buffer.resize(buffer.len().max((count * size_of::<W>()).div_ceil(8)), 0);
     &mut bytemuck::cast_slice_mut(buffer)[..count]
 }

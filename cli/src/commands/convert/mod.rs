@@ -9,7 +9,7 @@ use crate::exit::Answer;
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
-use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, Region};
+use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, OverlapAtRest, Region};
 use preprocess::PreprocessError;
 use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
 use report::Report;
@@ -68,6 +68,10 @@ pub(super) struct Convert {
     /// small uses Zstandard
     #[arg(long, value_enum, default_value_t = EffortName::Balanced)]
     effort: EffortName,
+    /// Where overlap is while the store rests: stored in every brick, so that a brick is one read, or
+    /// assembled on reading from the neighbours, which saves its bytes
+    #[arg(long, value_enum, default_value_t = OverlapName::Stored)]
+    overlap_at_rest: OverlapName,
     /// How a level is made of the one below it: the mean, greatest, least or most frequent of
     /// 2x2x2 cells (mode keeps labels exact), or the one at the lowest corner (nearest)
     #[arg(long, value_enum, default_value_t = DownsampleName::Mean)]
@@ -119,6 +123,12 @@ enum EffortName {
     Fast,
     Balanced,
     Small,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OverlapName {
+    Stored,
+    Assembled,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -252,6 +262,10 @@ impl Convert {
                 EffortName::Fast => Effort::Fast,
                 EffortName::Balanced => Effort::Balanced,
                 EffortName::Small => Effort::Small,
+            },
+            overlap_at_rest: match self.overlap_at_rest {
+                OverlapName::Stored => OverlapAtRest::Stored,
+                OverlapName::Assembled => OverlapAtRest::Assembled,
             },
             downsample: match self.downsample {
                 DownsampleName::Mean => DownsampleFilter::Mean,
