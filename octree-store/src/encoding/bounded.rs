@@ -1,10 +1,10 @@
 //! The `max-error=E` encoding: per brick the fewest bits whose error is at most E in source units.
 //!
-//! Code q reads as `base + (first + q) * step`, clamped to the brick's range. Integers: `step = 2 floor(E)
-//! + 1`, so that every integer is within floor(E) of a value, exactly; E = 0 keeps them all. Floats:
-//! `step = 2 E` less a little for rounding to the sample's type, and every sample of the brick is looked
-//! at: where one is off by more than E the brick is stored lossless, as it is where codes would need more
-//! than 16 bits.
+//! Code q reads as `base + (first + q) * step`, clamped to the brick's range. Of integers the step is
+//! `2 floor(E) + 1`, so that every integer is within floor(E) of a value, exactly; E = 0 keeps them all. Of
+//! floats it is 2 E, less a little for rounding to the sample's type, and every sample of the brick is
+//! looked at: where one is off by more than E the brick is stored lossless, as it is where codes would
+//! need more than 16 bits.
 //!
 //! The values lie evenly in the brick's range ([`Anchor::Brick`]: the fewest codes, and no value outside
 //! the range), or at the multiples of the step ([`Anchor::Lattice`]: where bricks meet they agree).
@@ -64,9 +64,7 @@ impl<T: Sample> Quantiser<T> {
             2.0 * (max_error.get() * (1.0 - room)).min(f64::MAX / 8.0)
         };
         let range = high - low;
-        if !(0.0..=f64::MAX).contains(&range)
-            || step.partial_cmp(&0.0).is_none_or(|order| order.is_le())
-        {
+        if !(0.0..=f64::MAX).contains(&range) || step <= 0.0 {
             return None;
         }
         let (base, first, count) = match anchor {
@@ -89,7 +87,7 @@ impl<T: Sample> Quantiser<T> {
                 (0.0, first, last - first + 1.0)
             }
         };
-        if !(count <= 65_536.0) {
+        if count > 65_536.0 {
             return None;
         }
         Some(Self {

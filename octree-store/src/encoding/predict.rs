@@ -67,7 +67,7 @@ fn sums<W: Word>(words: &mut [W]) {
 
 /// The row before row `row` along y, and along z, and along both; `None` outside the brick.
 fn rows_before(side: usize, row: usize) -> [Option<usize>; 3] {
-    let (y, z) = (row % side > 0, row >= side);
+    let (y, z) = (!row.is_multiple_of(side), row >= side);
     [y.then(|| row - 1), z.then(|| row - side), (y && z).then(|| row - side - 1)]
 }
 
@@ -171,7 +171,7 @@ mod tests {
             (0..512).map(|i| 1000 + 3 * (i % 8) + 50 * (i / 8 % 8) + 7 * (i / 64)).collect();
         let mut stored = vec![9; 512];
         residuals(&words, Prediction::Lorenzo, &mut stored);
-        let inside = |i: &usize| i % 8 > 0 && i / 8 % 8 > 0 && i / 64 > 0;
+        let inside = |i: &usize| [i % 8, i / 8 % 8, i / 64].iter().all(|at| *at > 0);
         assert!((0..512).filter(inside).all(|i| stored[i] == 0));
     }
 
