@@ -69,7 +69,9 @@ mod summary;
 pub mod verify;
 
 pub use compensated_sum::{CompensatedSum, WeightedRms};
-pub use encoding::{Effort, Encoding, encode_samples};
+pub use encoding::{
+    Effort, Encoding, MaxError, OverlapAtRest, Upload, UploadFormat, ValueMap, encode_samples,
+};
 pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
 pub use exact_sum::ExactSum;

@@ -1,6 +1,6 @@
 //! The node record: 120 bytes that say all the store knows of one brick (FORMAT.md, "Node record").
 
-use crate::encoding::{Compression, Encoding, Filter};
+use crate::encoding::{Coding, Compression, Filter};
 use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;
 use std::ops::Range;
@@ -52,9 +52,9 @@ pub struct NodeRecord {
     pub key: NodeKey,
     /// Stored, uniform or empty.
     pub state: BrickState,
-    /// How the payload's samples are encoded (of a stored brick).
-    pub encoding: Encoding,
-    /// Bits a sample has in the payload before compression; 0 without a payload.
+    /// What the payload's words are (of a stored brick).
+    pub coding: Coding,
+    /// Bits a sample's word uses before compression; 0 without a payload.
     pub bits: u8,
     /// How the payload's bytes are arranged before compression.
     pub filter: Filter,
@@ -93,9 +93,9 @@ impl NodeRecord {
         let mut bytes = [0; Self::BYTES];
         bytes[KEY].copy_from_slice(&self.key.to_u64().to_le_bytes());
         bytes[STATE] = self.state as u8;
-        bytes[ENCODING] = self.encoding as u8;
+        bytes[CODING] = self.coding as u8;
         bytes[BITS] = self.bits;
-        bytes[FILTER] = self.filter as u8;
+        bytes[FILTER] = self.filter.id();
         bytes[COMPRESSION] = self.compression as u8;
         bytes[CHILD_MASK] = self.child_mask;
         bytes[STREAM].copy_from_slice(&self.place.stream.to_le_bytes());
@@ -135,7 +135,7 @@ impl NodeRecord {
         Some(Self {
             key: NodeKey::from_u64(u64_at(KEY)?)?,
             state: BrickState::from_id(bytes[STATE])?,
-            encoding: Encoding::from_id(bytes[ENCODING])?,
+            coding: Coding::from_id(bytes[CODING])?,
             bits: bytes[BITS],
             filter: Filter::from_id(bytes[FILTER])?,
             compression: Compression::from_id(bytes[COMPRESSION])?,
@@ -173,8 +173,8 @@ impl NodeRecord {
 // Each field's bytes, each derived from the one before.
 const KEY: Range<usize> = 0..8;
 const STATE: usize = KEY.end;
-const ENCODING: usize = STATE + 1;
-const BITS: usize = ENCODING + 1;
+const CODING: usize = STATE + 1;
+const BITS: usize = CODING + 1;
 const FILTER: usize = BITS + 1;
 const COMPRESSION: usize = FILTER + 1;
 const CHILD_MASK: usize = COMPRESSION + 1;
@@ -207,9 +207,9 @@ mod tests {
         NodeRecord {
             key: NodeKey::new(3, [5, 6, 7]),
             state: BrickState::Stored,
-            encoding: Encoding::Quantised8,
+            coding: Coding::Quantised8,
             bits: 8,
-            filter: Filter::None,
+            filter: Filter::NONE,
             compression: Compression::Lz4,
             child_mask: 0b1010_0101,
             place: PayloadPlace { stream: 9, offset: 1 << 40, length: 46656 },

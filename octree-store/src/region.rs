@@ -32,7 +32,7 @@ impl Store {
             for by in first[1]..=last[1] {
                 for bx in first[0]..=last[0] {
                     let key = NodeKey::new(level, [bx, by, bz]);
-                    self.read_brick(key, &mut scratch, &mut brick)?;
+                    self.read_brick_core(key, &mut scratch, &mut brick)?;
                     let shared = geometry.core_region(key).intersection(&region);
                     let origin = geometry.sample_origin(key);
                     let at = |axis: usize, v: u64| (v as i64 - origin[axis]) as usize;

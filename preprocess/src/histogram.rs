@@ -72,7 +72,7 @@ fn histogram_typed<T: Sample>(
     let (width, start) = if width > 0.0 { (width, low) } else { (1.0 / bins as f64, low - 0.5) };
     let geometry = store.geometry();
     let count = |(mut counts, mut brick, mut scratch): Counting<T>, record: &NodeRecord| {
-        store.decode_brick(record, &mut scratch, &mut brick)?;
+        store.decode_brick_core(record, &mut scratch, &mut brick)?;
         for row in Core::of(geometry, record.key).rows() {
             for v in &brick[row] {
                 let bin = if v.is_finite() {

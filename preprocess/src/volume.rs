@@ -219,7 +219,7 @@ impl<T: Sample> StoreSlices<'_, T> {
         let slab = slab.samples_mut();
         for (x, y) in (first[1]..=last[1]).flat_map(|y| (first[0]..=last[0]).map(move |x| (x, y))) {
             let key = NodeKey::new(*level, [x, y, brick_z]);
-            store.read_brick(key, scratch, brick)?;
+            store.read_brick_core(key, scratch, brick)?;
             let core = geometry.core_region(key);
             let shared = core.intersection(region);
             let origin = geometry.sample_origin(key);

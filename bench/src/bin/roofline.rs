@@ -18,7 +18,7 @@ use clap::{Parser, ValueEnum};
 use memmap2::Mmap;
 use multiversion::multiversion;
 use octree_store::encoding::quantised8::Quantiser;
-use octree_store::encoding::{EncodeScratch, encode_brick, finite_range};
+use octree_store::encoding::{BrickFormat, EncodeScratch, encode_brick, finite_range};
 use octree_store::{Effort, Encoding, Geometry, NodeKey};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -276,7 +276,7 @@ fn encode(key: NodeKey, brick: &[u16], lz4: Lz4, scratch: &mut Scratch) {
     }
     if let Lz4::Tried = lz4 {
         let spans = std::iter::empty();
-        let how = (Encoding::Quantised8, Effort::Balanced);
+        let how = BrickFormat::stored(Encoding::Quantised8, Effort::Balanced);
         encode_brick(key, brick, how, range, spans, &mut scratch.store, &mut scratch.row);
         return;
     }

@@ -77,7 +77,7 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
         "bricks       {}^3 + {} overlap, {}",
         metadata.brick_core,
         metadata.brick_overlap,
-        metadata.encoding.name()
+        metadata.encoding
     )?;
     writeln!(
         out,

@@ -1,72 +1,55 @@
 //! From a brick's samples to a payload and back.
 //!
-//! An encoding turns samples into bytes ([`quantised8`], [`lossless`]), a filter arranges them, a
-//! compression packs them ([`payload`]). Each has an id in FORMAT.md.
+//! An encoding turns samples into codes ([`quantised8`], [`bounded`]) or takes their bits as they are, a
+//! filter arranges these words ([`filter`]), a compression packs them ([`payload`]). Each has an id in
+//! FORMAT.md.
 
+mod bit_planes;
+pub mod bounded;
+mod choice;
+pub(crate) mod decode;
 mod effort;
+mod filter;
 mod integer_errors;
-pub mod lossless;
 pub mod payload;
+mod predict;
 pub mod quantised8;
+mod store_words;
+mod upload;
+pub(crate) mod words;
 
+pub use choice::{Encoding, MaxError, OverlapAtRest};
 pub use effort::Effort;
+pub use filter::{Arrangement, Filter, Prediction};
+pub use upload::{Upload, UploadFormat, ValueMap};
 
 use crate::error_sum::ErrorSum;
 use crate::key::NodeKey;
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::Sample;
+use bounded::Anchor;
 use multiversion::multiversion;
-use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use words::{Word, buffer, with_word};
 
-/// How samples become the payload's bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum Encoding {
-    /// Eight bits a sample, linear over the brick's range.
-    #[serde(rename = "u8")]
-    Quantised8 = 1,
-    /// The source's own type, bit exact.
-    #[serde(rename = "lossless")]
-    Lossless = 2,
-}
-
-impl Encoding {
-    /// The encoding with this id in FORMAT.md.
-    pub fn from_id(id: u8) -> Option<Self> {
-        [Self::Quantised8, Self::Lossless].into_iter().find(|encoding| *encoding as u8 == id)
-    }
-
-    /// The name used on the command line and in JSON.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Quantised8 => "u8",
-            Self::Lossless => "lossless",
-        }
-    }
-
-    /// Bits a sample of type `T` has in the payload before compression.
-    pub fn bits<T: Sample>(self) -> u8 {
-        match self {
-            Self::Quantised8 => 8,
-            Self::Lossless => 8 * size_of::<T>() as u8,
-        }
-    }
-}
-
-/// How a payload's bytes are arranged before compression.
+/// What the words of a payload are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
-pub enum Filter {
-    /// In order.
-    None = 0,
-    /// All first bytes of the samples, then all second bytes, and so on.
-    ByteShuffle = 1,
+pub enum Coding {
+    /// Codes of eight bits, linear over the brick's range.
+    Quantised8 = 1,
+    /// The samples' own bits.
+    Lossless = 2,
+    /// Codes of as many bits as the store's error bound needs.
+    Bounded = 3,
 }
 
-impl Filter {
-    /// The filter with this id in FORMAT.md.
+impl Coding {
+    /// The coding with this id in FORMAT.md.
     pub fn from_id(id: u8) -> Option<Self> {
-        [Self::None, Self::ByteShuffle].into_iter().find(|filter| *filter as u8 == id)
+        [Self::Quantised8, Self::Lossless, Self::Bounded]
+            .into_iter()
+            .find(|coding| *coding as u8 == id)
     }
 }
 
@@ -110,6 +93,25 @@ fn min_and_max<T: Sample>(samples: &[T]) -> (T, T) {
     (min, max)
 }
 
+/// How bricks are encoded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BrickFormat {
+    /// What becomes of samples.
+    pub encoding: Encoding,
+    /// How much work goes into small payloads.
+    pub effort: Effort,
+    /// Samples on every side that are left out of the payload, because a reader assembles them from the
+    /// neighbours; `None` where the payload holds all samples.
+    pub cut_overlap: Option<u32>,
+}
+
+impl BrickFormat {
+    /// Payloads that hold the overlap.
+    pub fn stored(encoding: Encoding, effort: Effort) -> Self {
+        Self { encoding, effort, cut_overlap: None }
+    }
+}
+
 /// A brick's record and payload, with the error counted over `measured` samples of it.
 ///
 /// The payload is added to `payloads`, and its length stands in the record.
@@ -119,9 +121,9 @@ fn min_and_max<T: Sample>(samples: &[T]) -> (T, T) {
 pub fn encode_brick<T: Sample>(
     key: NodeKey,
     samples: &[T],
-    (encoding, effort): (Encoding, Effort),
+    format: BrickFormat,
     range: Option<(T, T)>,
-    measured: impl Iterator<Item = std::ops::Range<usize>> + Clone,
+    measured: impl Iterator<Item = Range<usize>> + Clone,
     scratch: &mut EncodeScratch,
     payloads: &mut Vec<u8>,
 ) -> NodeRecord {
@@ -130,9 +132,9 @@ pub fn encode_brick<T: Sample>(
     let mut record = NodeRecord {
         key,
         state: BrickState::Stored,
-        encoding,
-        bits: encoding.bits::<T>(),
-        filter: Filter::None,
+        coding: Coding::Lossless,
+        bits: 8 * size_of::<T>() as u8,
+        filter: Filter::NONE,
         compression: Compression::Raw,
         child_mask: 0,
         place: PayloadPlace::default(),
@@ -145,33 +147,105 @@ pub fn encode_brick<T: Sample>(
         lod_rms_bound: 0.0,
         lod_amax_bound: 0.0,
     };
-    let uniform = match encoding {
-        Encoding::Quantised8 => min == max,
-        Encoding::Lossless => {
-            range.is_some() && samples.iter().all(|sample| sample.same_bits(samples[0]))
-        }
+    let exact = match format.encoding {
+        Encoding::Lossless => true,
+        // Integers have codes of fewer bits that are exact.
+        Encoding::MaxError(error) => error.get() == 0.0 && !T::TYPE.is_integer(),
+        Encoding::Quantised8 => false,
     };
-    match encoding {
-        _ if uniform => {
-            record.state = BrickState::Uniform;
-            record.bits = 0;
-            count_finite(samples, measured, &mut record.error);
-        }
-        Encoding::Quantised8 => {
-            let quantiser = quantised8::Quantiser::new(min, max);
-            scratch.bytes.resize(samples.len(), 0);
-            quantiser.quantise(samples, &mut scratch.bytes);
-            record.error = quantiser.errors(samples, &scratch.bytes, measured);
-            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer, payloads);
-        }
-        Encoding::Lossless => {
-            count_finite(samples, measured, &mut record.error);
-            lossless::shuffle(samples, &mut scratch.bytes);
-            record.filter = if size_of::<T>() > 1 { Filter::ByteShuffle } else { Filter::None };
-            payload::compress(&scratch.bytes, effort, &mut record, &mut scratch.packer, payloads);
-        }
+    let uniform = if exact {
+        range.is_some() && samples.iter().all(|sample| sample.same_bits(samples[0]))
+    } else {
+        min == max
+    };
+    if uniform {
+        record.state = BrickState::Uniform;
+        record.bits = 0;
+        count_finite(samples, measured, &mut record.error);
+        return record;
     }
+    match format.encoding {
+        Encoding::Quantised8 => {
+            record.coding = Coding::Quantised8;
+            record.bits = 8;
+            let quantiser = quantised8::Quantiser::new(min, max);
+            let EncodeScratch { codes, core, store } = scratch;
+            let codes = buffer(codes, samples.len());
+            quantiser.quantise(samples, codes);
+            record.error = quantiser.errors(samples, codes, measured);
+            let core = cut(codes, format.cut_overlap, core);
+            store_words::store(core, format.effort, &mut record, store, payloads);
+            return record;
+        }
+        Encoding::MaxError(error) if !exact => {
+            let anchor =
+                if format.cut_overlap.is_some() { Anchor::Lattice } else { Anchor::Brick };
+            let stored = bounded::Quantiser::new(min, max, error, anchor).is_some_and(|quantiser| {
+                let store = if quantiser.bits() <= 8 {
+                    store_bounded::<T, u8, _>
+                } else {
+                    store_bounded::<T, u16, _>
+                };
+                let measured = measured.clone();
+                store(&quantiser, samples, format, measured, &mut record, scratch, payloads)
+            });
+            if stored {
+                return record;
+            }
+        }
+        Encoding::MaxError(_) | Encoding::Lossless => {}
+    }
+    count_finite(samples, measured, &mut record.error);
+    with_word!(T, W => {
+        let words: &[W] = bytemuck::cast_slice(samples);
+        let words = cut(words, format.cut_overlap, &mut scratch.core);
+        store_words::store(words, format.effort, &mut record, &mut scratch.store, payloads);
+    });
     record
+}
+
+/// Encodes a brick with a quantiser's codes; false, and nothing done, where a sample would be off by more
+/// than the bound.
+fn store_bounded<T: Sample, W: Word, I: Iterator<Item = Range<usize>>>(
+    quantiser: &bounded::Quantiser<T>,
+    samples: &[T],
+    format: BrickFormat,
+    measured: I,
+    record: &mut NodeRecord,
+    scratch: &mut EncodeScratch,
+    payloads: &mut Vec<u8>,
+) -> bool {
+    let EncodeScratch { codes, core, store } = scratch;
+    let codes = buffer::<W>(codes, samples.len());
+    quantiser.quantise(samples, codes);
+    if !quantiser.holds(samples, codes) {
+        return false;
+    }
+    record.coding = Coding::Bounded;
+    record.bits = quantiser.bits();
+    record.error = quantiser.errors(samples, codes, measured);
+    if record.bits > 0 {
+        let core = cut(codes, format.cut_overlap, core);
+        store_words::store(core, format.effort, record, store, payloads);
+    }
+    true
+}
+
+/// The words without `overlap` of them on every side of their cube.
+///
+/// # Panics
+/// When they are no cube, or not larger than that.
+fn cut<'a, W: Word>(words: &'a [W], overlap: Option<u32>, core: &'a mut Vec<u64>) -> &'a [W] {
+    let Some(overlap) = overlap.filter(|overlap| *overlap > 0) else { return words };
+    let side = predict::side_of(words.len()).expect("bricks are cubes");
+    let overlap = overlap as usize;
+    let inner = side - 2 * overlap;
+    let core = buffer(core, inner.pow(3));
+    for (row, to) in core.chunks_exact_mut(inner).enumerate() {
+        let (y, z) = (row % inner + overlap, row / inner + overlap);
+        to.copy_from_slice(&words[(z * side + y) * side + overlap..][..inner]);
+    }
+    core
 }
 
 /// Counts finite samples, all of which come back exactly.
@@ -195,7 +269,7 @@ pub fn encode_samples<T: Sample>(
     encoding: Encoding,
 ) -> (NodeRecord, Vec<u8>) {
     let all = std::iter::once(0..samples.len());
-    let how = (encoding, Effort::default());
+    let how = BrickFormat::stored(encoding, Effort::default());
     let (mut scratch, mut payload) = (EncodeScratch::default(), Vec::new());
     let range = finite_range(samples);
     let record = encode_brick(key, samples, how, range, all, &mut scratch, &mut payload);
@@ -205,6 +279,7 @@ pub fn encode_samples<T: Sample>(
 /// Buffers that [`encode_brick`] keeps from brick to brick.
 #[derive(Debug, Default)]
 pub struct EncodeScratch {
-    bytes: Vec<u8>,
-    packer: payload::Packer,
+    codes: Vec<u64>,
+    core: Vec<u64>,
+    store: store_words::StoreScratch,
 }

@@ -7,7 +7,7 @@ use lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_outpu
 use twox_hash::XxHash3_128;
 
 /// What compression must gain to be worth the time of unpacking: 1 in 16.
-fn gains(packed: usize, bytes: usize) -> bool {
+pub(super) fn gains(packed: usize, bytes: usize) -> bool {
     packed < bytes - bytes / 16
 }
 
@@ -35,7 +35,7 @@ impl std::fmt::Debug for Packer {
 
 impl Packer {
     /// The bytes as an LZ4 block; nothing where LZ4 fails, which it does not.
-    fn lz4(&mut self, bytes: &[u8]) -> Option<&[u8]> {
+    pub(super) fn lz4(&mut self, bytes: &[u8]) -> Option<&[u8]> {
         self.packed.resize(get_maximum_output_size(bytes.len()), 0);
         // A small table would turn into a large one by itself, and never back.
         let table = if bytes.len() < usize::from(u16::MAX) {
@@ -57,19 +57,21 @@ impl Packer {
         Some(&self.packed[..length])
     }
 
-    /// The bytes as they are to be stored, if not as they came.
-    fn pack(&mut self, bytes: &[u8], effort: Effort) -> Option<(Compression, &[u8])> {
+    /// The bytes as they are to be stored, where that gains on the `plain_bytes` that they take otherwise.
+    pub(super) fn pack(
+        &mut self,
+        bytes: &[u8],
+        plain_bytes: usize,
+        effort: Effort,
+    ) -> Option<(Compression, &[u8])> {
         match effort {
             Effort::Fast => None,
             Effort::Balanced => {
-                if !worth_trying(bytes, self) {
-                    return None;
-                }
-                let packed = self.lz4(bytes).filter(|packed| gains(packed.len(), bytes.len()));
+                let packed = self.lz4(bytes).filter(|packed| gains(packed.len(), plain_bytes));
                 packed.map(|packed| (Compression::Lz4, packed))
             }
             Effort::Small => {
-                let packed = self.zstd(bytes).filter(|packed| packed.len() < bytes.len());
+                let packed = self.zstd(bytes).filter(|packed| packed.len() < plain_bytes);
                 packed.map(|packed| (Compression::Zstd, packed))
             }
         }
@@ -82,7 +84,7 @@ const ZSTD_LEVEL: i32 = 1;
 
 /// Whether LZ4 is likely to gain: it is tried on an eighth of the bytes, spread evenly. Noise fills
 /// eight bits in homogeneous bricks, and trying all of it costs more than all other steps together.
-fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
+pub(super) fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
     let piece = bytes.len() / PIECE_SHARE;
     if piece < 256 {
         return true;
@@ -97,17 +99,8 @@ fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
     packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
 }
 
-/// Adds a brick's bytes to `payloads`, compressed or raw where that gains nothing, and writes
-/// compression, length and checksum into the record.
-pub(super) fn compress(
-    bytes: &[u8],
-    effort: Effort,
-    record: &mut NodeRecord,
-    packer: &mut Packer,
-    payloads: &mut Vec<u8>,
-) {
-    let (compression, payload) = packer.pack(bytes, effort).unwrap_or((Compression::Raw, bytes));
-    record.compression = compression;
+/// Adds a payload to `payloads`, and writes its length and checksum into the record.
+pub(super) fn add(payload: &[u8], record: &mut NodeRecord, payloads: &mut Vec<u8>) {
     record.place.length = payload.len() as u32;
     record.payload_checksum = XxHash3_128::oneshot(payload);
     payloads.extend_from_slice(payload);
@@ -178,7 +171,9 @@ pub(crate) fn unpack<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::encoding::{EncodeScratch, Encoding, encode_brick, finite_range};
+    use crate::encoding::{BrickFormat, EncodeScratch, Encoding, encode_brick, finite_range};
+    use crate::encoding::bounded::Anchor;
+    use crate::encoding::decode::{DecodeScratch, Decoding};
     use crate::key::NodeKey;
     use proptest::prelude::*;
 
@@ -186,7 +181,7 @@ mod tests {
         let (key, all) = (NodeKey::new(0, [0; 3]), std::iter::once(0..samples.len()));
         let range = finite_range(samples);
         let (mut scratch, mut payload) = (EncodeScratch::default(), Vec::new());
-        let how = (encoding, effort);
+        let how = BrickFormat::stored(encoding, effort);
         let record = encode_brick(key, samples, how, range, all, &mut scratch, &mut payload);
         (record, payload)
     }
@@ -200,21 +195,28 @@ mod tests {
     #[test]
     fn efforts_differ_in_bytes_alone() {
         let samples = noise(46_656);
-        for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+        let bound = Encoding::max_error(700.0).unwrap();
+        for encoding in [Encoding::Quantised8, Encoding::Lossless, bound] {
             let made = [Effort::Fast, Effort::Balanced, Effort::Small]
                 .map(|effort| encoded(&samples, encoding, effort));
             let bytes = samples.len() * usize::from(made[0].0.bits) / 8;
             assert_eq!((made[0].0.compression, made[0].1.len()), (Compression::Raw, bytes));
             assert_eq!(made[2].0.compression, Compression::Zstd);
-            assert!(made[2].1.len() < bytes * 3 / 4, "entropy is coded");
-            let mut unpacker = Unpacker::default();
+            assert!(made[2].1.len() < bytes * 9 / 10, "entropy is coded");
+            let decoding = Decoding { encoding, anchor: Anchor::Brick };
+            let mut scratch = DecodeScratch::default();
+            let mut first = vec![0; samples.len()];
+            decoding.decode(&made[0].0, &made[0].1, &mut scratch, &mut first).unwrap();
             for (record, payload) in &made {
                 assert_eq!(record.error, made[0].0.error);
-                let unpacked = unpack(record, payload, bytes, &mut unpacker).unwrap();
-                assert_eq!(unpacked, made[0].1);
-                let longer = unpack(record, payload, bytes + 1, &mut unpacker);
-                assert!(matches!(longer, Err(Damage::PayloadLength { .. })));
-                assert!(unpack(record, payload, bytes - 1, &mut unpacker).is_err());
+                let mut decoded = vec![0_u16; samples.len()];
+                decoding.decode(record, payload, &mut scratch, &mut decoded).unwrap();
+                assert_eq!(decoded, first);
+                for wrong in [samples.len() - 8, samples.len() + 8] {
+                    let mut samples = vec![0_u16; wrong];
+                    let damage = decoding.decode(record, payload, &mut scratch, &mut samples);
+                    assert!(damage.is_err(), "{wrong} samples of {record:?}");
+                }
             }
         }
     }

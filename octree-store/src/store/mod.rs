@@ -5,6 +5,7 @@
 //! refining a node is one read. `tables.rs` alone names redb's tables, and `guard.rs` turns redb's
 //! panics on damaged files into errors.
 
+mod assemble;
 mod committer;
 mod guard;
 mod index_backend;

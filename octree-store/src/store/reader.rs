@@ -4,7 +4,9 @@ use super::guard::{Failure, guard};
 use super::index_backend::IndexBackend;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
 use super::tables::ReadTables;
-use crate::encoding::{Encoding, lossless, payload, quantised8};
+use crate::encoding::bounded::Anchor;
+use crate::encoding::decode::{DecodeScratch, Decoding};
+use crate::encoding::{Upload, UploadFormat, ValueMap, payload};
 use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
@@ -91,7 +93,10 @@ fn newer(path: &Path, found: u32) -> StoreError {
 #[derive(Debug, Default)]
 pub struct BrickScratch {
     payload: Vec<u8>,
-    unpacked: payload::Unpacker,
+    decode: DecodeScratch,
+    /// The core of the brick that is read, and of a neighbour, where overlap is assembled.
+    pub(super) core: Vec<u64>,
+    pub(super) neighbour: Vec<u64>,
 }
 
 /// The records of a node's children, in octant order.
@@ -166,10 +171,7 @@ impl Store {
         if !self.geometry.contains(key) {
             return Err(StoreError::Absent { path: self.path.clone(), key });
         }
-        let group =
-            self.tables.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
-        let group = group.ok_or_else(|| self.damaged(key, Damage::RecordMissing))?;
-        self.record_in(&group, key)
+        self.record_in(&self.siblings(key)?, key)
     }
 
     /// The records of all children of a node, in one read.
@@ -273,11 +275,32 @@ impl Store {
     }
 
     /// Reads and decodes the brick of a record into the caller's buffer of
-    /// [`Geometry::brick_samples`] samples.
+    /// [`Geometry::brick_samples`] samples. Where the store's payloads hold cores alone, the overlap is
+    /// assembled from up to 26 neighbours, which are read too.
     ///
     /// # Errors
-    /// When the payload is damaged, the store's samples are not `T`, or the buffer does not fit.
+    /// When the payload, or a neighbour that has overlap for it, is damaged (the error has the key of the
+    /// one that is), the store's samples are not `T`, or the buffer does not fit.
     pub fn decode_brick<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+        samples: &mut [T],
+    ) -> Result<(), StoreError> {
+        self.decode_brick_core(record, scratch, samples)?;
+        let stored = record.state == BrickState::Stored && record.bits > 0;
+        if stored && !self.metadata.stored_overlap && self.geometry.overlap() > 0 {
+            self.assemble_overlap(record, scratch, samples)?;
+        }
+        Ok(())
+    }
+
+    /// As [`Store::decode_brick`], for one who needs no overlap: the samples around the core are left
+    /// as they were where they are not in the payload, and no neighbour is read.
+    ///
+    /// # Errors
+    /// As [`Store::decode_brick`], but for neighbours.
+    pub fn decode_brick_core<T: Sample>(
         &self,
         record: &NodeRecord,
         scratch: &mut BrickScratch,
@@ -291,14 +314,90 @@ impl Store {
         match record.state {
             BrickState::Uniform => samples.fill(T::from_f64(record.brick_min)),
             BrickState::Empty => samples.fill(T::from_f64(self.metadata.empty_value)),
-            BrickState::Stored => {
-                let BrickScratch { payload, unpacked } = scratch;
-                self.fetch_payload(record, payload)?;
-                decode_payload(record, payload, unpacked, samples)
-                    .map_err(|damage| self.damaged(record.key, damage))?;
+            BrickState::Stored if self.metadata.stored_overlap || record.bits == 0 => {
+                self.decode_stored(record, scratch, samples)?;
             }
+            BrickState::Stored => self.place_core(record, scratch, samples)?,
         }
         Ok(())
+    }
+
+    /// As [`Store::read_brick`], without what is not in the payload: see [`Store::decode_brick_core`].
+    ///
+    /// # Errors
+    /// As [`Store::node`] and [`Store::decode_brick_core`].
+    pub fn read_brick_core<T: Sample>(
+        &self,
+        key: NodeKey,
+        scratch: &mut BrickScratch,
+        samples: &mut [T],
+    ) -> Result<NodeRecord, StoreError> {
+        let record = self.node(key)?;
+        self.decode_brick_core(&record, scratch, samples)?;
+        Ok(record)
+    }
+
+    /// Reads a brick as a renderer's texture takes it, overlap included: eight bits stay eight bits.
+    /// Uniform and empty bricks, and stored ones of one code, are R8 texels of 0.
+    ///
+    /// # Errors
+    /// As [`Store::decode_brick`], but for the type.
+    pub fn read_upload(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+    ) -> Result<Upload, StoreError> {
+        with_sample_type!(self.metadata.sample_type, T => {
+            self.read_upload_typed::<T>(record, scratch)
+        })
+    }
+
+    fn read_upload_typed<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+    ) -> Result<Upload, StoreError> {
+        let constant = |offset| {
+            let map = ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
+            Upload { bytes: vec![0; self.geometry.brick_samples()], map }
+        };
+        match record.state {
+            BrickState::Uniform => return Ok(constant(record.brick_min)),
+            BrickState::Empty => return Ok(constant(self.metadata.empty_value)),
+            BrickState::Stored => {}
+        }
+        let mut samples = vec![T::default(); self.geometry.brick_samples()];
+        let decoding = self.decoding();
+        let upload = if self.metadata.stored_overlap {
+            let BrickScratch { payload, decode, .. } = scratch;
+            self.fetch_payload(record, payload)?;
+            decoding.upload_payload(record, payload, decode, &mut samples)
+        } else {
+            self.decode_brick(record, scratch, &mut samples)?;
+            decoding.upload_samples(record, &mut scratch.decode, &samples)
+        };
+        upload.map_err(|damage| self.damaged(record.key, damage))
+    }
+
+    /// Reads and decodes what is in the payload of a stored brick.
+    pub(super) fn decode_stored<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+        samples: &mut [T],
+    ) -> Result<(), StoreError> {
+        let BrickScratch { payload, decode, .. } = scratch;
+        self.fetch_payload(record, payload)?;
+        self.decoding()
+            .decode(record, payload, decode, samples)
+            .map_err(|damage| self.damaged(record.key, damage))
+    }
+
+    /// The bytes of the records of a node and its siblings.
+    pub(super) fn siblings(&self, key: NodeKey) -> Result<Vec<u8>, StoreError> {
+        let group =
+            self.tables.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
+        group.ok_or_else(|| self.damaged(key, Damage::RecordMissing))
     }
 
     /// Reads and decodes a brick of whatever type the store has.
@@ -314,6 +413,13 @@ impl Store {
             let record = self.read_brick(key, &mut BrickScratch::default(), &mut samples)?;
             Ok((record, T::wrap(samples)))
         })
+    }
+
+    /// What payloads depend on.
+    fn decoding(&self) -> Decoding {
+        let stored = self.metadata.stored_overlap;
+        let anchor = if stored { Anchor::Brick } else { Anchor::Lattice };
+        Decoding { encoding: self.metadata.encoding, anchor }
     }
 
     /// Checks that the store's samples are `T`.
@@ -332,7 +438,7 @@ impl Store {
     }
 
     /// The record of `key` among its siblings' bytes.
-    fn record_in(&self, group: &[u8], key: NodeKey) -> Result<NodeRecord, StoreError> {
+    pub(super) fn record_in(&self, group: &[u8], key: NodeKey) -> Result<NodeRecord, StoreError> {
         let siblings = key.parent().children();
         let before =
             siblings[..key.octant()].iter().filter(|k| self.geometry.contains(**k)).count();
@@ -381,25 +487,4 @@ impl Store {
             other => other.at(&self.path),
         }
     }
-}
-
-/// Decodes a checked payload into samples.
-fn decode_payload<T: Sample>(
-    record: &NodeRecord,
-    payload: &[u8],
-    unpacked: &mut payload::Unpacker,
-    samples: &mut [T],
-) -> Result<(), Damage> {
-    match record.encoding {
-        Encoding::Quantised8 => {
-            let codes = payload::unpack(record, payload, samples.len(), unpacked)?;
-            let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
-            quantised8::Quantiser::new(min, max).decode(codes, samples);
-        }
-        Encoding::Lossless => {
-            let bytes = payload::unpack(record, payload, size_of_val(samples), unpacked)?;
-            lossless::unshuffle(bytes, samples);
-        }
-    }
-    Ok(())
 }

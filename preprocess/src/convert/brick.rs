@@ -4,14 +4,13 @@ use crate::downsample::Core;
 use crate::error::PreprocessError;
 use crate::value_stats::BrickValues;
 use crate::walk::Visitor;
-use octree_store::encoding::{EncodeScratch, Filter, encode_brick, finite_range};
-use octree_store::{BrickState, Effort, Encoding, ErrorSum, NodeKey, NodeRecord, Sample};
+use octree_store::encoding::{BrickFormat, EncodeScratch, Filter, encode_brick, finite_range};
+use octree_store::{BrickState, ErrorSum, NodeKey, NodeRecord, Sample};
 
 /// Encodes bricks, from many threads at once.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BrickEncoder<'a> {
-    pub(super) encoding: Encoding,
-    pub(super) effort: Effort,
+    pub(super) format: BrickFormat,
     pub(super) rules: &'a ValueRules,
 }
 
@@ -70,14 +69,13 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
         if key.level() == 0 && self.rules.apply(samples) {
             range = finite_range(samples);
         }
-        let how = (self.encoding, self.effort);
         let before = payloads.len();
-        let mut record = encode_brick(key, samples, how, range, core.rows(), scratch, payloads);
+        let mut record = encode_brick(key, samples, self.format, range, core.rows(), scratch, payloads);
         if self.rules.drops(samples) {
             payloads.truncate(before);
             record.state = BrickState::Empty;
             record.bits = 0;
-            record.filter = Filter::None;
+            record.filter = Filter::NONE;
             record.payload_checksum = 0;
             record.place.length = 0;
             record.error = ErrorSum::default();

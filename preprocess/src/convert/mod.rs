@@ -24,9 +24,10 @@ use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
 use brick::BrickEncoder;
+use octree_store::encoding::BrickFormat;
 use octree_store::{
-    DownsampleFilter, Effort, Encoding, Metadata, Region, Sample, SampleType, StoreWriter,
-    with_sample_type,
+    DownsampleFilter, Effort, Encoding, Metadata, OverlapAtRest, Region, Sample, SampleType,
+    StoreWriter, with_sample_type,
 };
 use output::Output;
 use resume::{Kept, State};
@@ -49,6 +50,8 @@ pub struct ConvertOptions {
     pub encoding: Encoding,
     /// How much work goes into making payloads small.
     pub effort: Effort,
+    /// Whether payloads hold the overlap.
+    pub overlap_at_rest: OverlapAtRest,
     /// How a level is made of the one below it.
     pub downsample: DownsampleFilter,
     /// Bricks whose every sample is below this are dropped.
@@ -80,6 +83,7 @@ impl Default for ConvertOptions {
             brick_overlap: 2,
             encoding: Encoding::Quantised8,
             effort: Effort::default(),
+            overlap_at_rest: OverlapAtRest::default(),
             downsample: DownsampleFilter::default(),
             empty_below: None,
             nan_value: None,
@@ -121,6 +125,20 @@ impl ConvertOptions {
         Ok(ValueRules { nan_value: self.nan_value, empty_below: self.empty_below, empty_value })
     }
 
+    /// Whether the options fit a type of samples.
+    ///
+    /// # Errors
+    /// When the type cannot hold one of their values.
+    pub fn check(&self, sample_type: SampleType) -> Result<(), PreprocessError> {
+        self.value_rules(sample_type).map(drop)
+    }
+
+    fn brick_format(&self) -> BrickFormat {
+        let cut_overlap =
+            (self.overlap_at_rest == OverlapAtRest::Assembled).then_some(self.brick_overlap);
+        BrickFormat { encoding: self.encoding, effort: self.effort, cut_overlap }
+    }
+
     /// Everything that shapes the store's content, for one who resumes.
     fn content(&self, source: &Source, plan: &ConversionPlan) -> String {
         let content = serde_json::json!({
@@ -130,6 +148,7 @@ impl ConvertOptions {
             "affine": source.affine.map(|rows| rows.map(|row| row.map(f64::to_bits))),
             "sample_type": source.sample_type(),
             "encoding": self.encoding,
+            "stored_overlap": self.overlap_at_rest == OverlapAtRest::Stored,
             "downsample": self.downsample,
             "brick": [self.brick_core, self.brick_overlap],
             "empty_below": self.empty_below.map(f64::to_bits),
@@ -226,8 +245,8 @@ pub fn convert(
     let Begun { mut writer, state, kept, scratch } = begun;
     let resumed_bricks = state.bricks;
     progress.bricks_done(resumed_bricks);
-    let encoder =
-        BrickEncoder { encoding: options.encoding, effort: options.effort, rules: &rules };
+    let format = options.brick_format();
+    let encoder = BrickEncoder { format, rules: &rules };
     let work = Work { source, plan: &plan, state, pending: kept.pending(&plan.geometry) };
     let earlier = Earlier { octets: work.state.octets, scratch: Some(Arc::new(scratch)) };
     let made = with_sample_type!(source.sample_type(), T => {
@@ -245,6 +264,7 @@ pub fn convert(
     metadata.spacing_xyz = source.spacing_xyz;
     metadata.unit = source.unit;
     metadata.affine = source.affine;
+    metadata.stored_overlap = options.overlap_at_rest == OverlapAtRest::Stored;
     metadata.downsample = options.downsample;
     metadata.empty_below = rules.empty_below;
     metadata.empty_value = rules.empty_value;

@@ -8,7 +8,7 @@ use crate::source::Source;
 use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
 use crate::window::{Slots, Window, WindowPlace};
 use octree_store::{
-    Effort, Encoding, Geometry, NodeRecord, SampleType, StoreWriter, with_sample_type,
+    Effort, Encoding, Geometry, NodeRecord, OverlapAtRest, SampleType, StoreWriter, with_sample_type,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -120,7 +120,7 @@ impl ConversionPlan {
             grid_xyz: geometry.grid_at(level),
             bricks: geometry.bricks_at(level),
         });
-        let payload = geometry.bricks() * coded_bytes(&geometry, options.encoding, sample_bytes);
+        let payload = geometry.bricks() * coded_bytes(&geometry, options, sample_bytes);
         let records = geometry.bricks() * NodeRecord::BYTES as u64;
         Ok(Self {
             schema: "octavo.plan/1",
@@ -155,13 +155,18 @@ pub(crate) fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Bytes of a brick's payload at most.
-fn coded_bytes(geometry: &Geometry, encoding: Encoding, sample_bytes: u64) -> u64 {
-    let bytes = match encoding {
+/// Bytes of a brick's payload at most: what compression does not make smaller is stored as it is.
+fn coded_bytes(geometry: &Geometry, options: &ConvertOptions, sample_bytes: u64) -> u64 {
+    let bytes = match options.encoding {
         Encoding::Quantised8 => 1,
-        Encoding::Lossless => sample_bytes,
+        // A brick that the bound's codes cannot hold is lossless.
+        Encoding::Lossless | Encoding::MaxError(_) => sample_bytes,
     };
-    geometry.brick_samples() as u64 * bytes
+    let samples = match options.overlap_at_rest {
+        OverlapAtRest::Stored => geometry.brick_samples() as u64,
+        OverlapAtRest::Assembled => u64::from(geometry.core()).pow(3),
+    };
+    samples * bytes
 }
 
 /// The windows of the levels above 0, in slots of one scratch file, and the file's size.
@@ -205,7 +210,7 @@ fn divide_memory(
     let sample_type = source.sample_type();
     let sample_bytes = sample_type.bytes() as u64;
     let brick = geometry.brick_samples() as u64 * sample_bytes;
-    let coded = coded_bytes(geometry, options.encoding, sample_bytes);
+    let coded = coded_bytes(geometry, options, sample_bytes);
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
     let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };

@@ -9,7 +9,7 @@ use super::sample::Sampled;
 use crate::convert::{Conversion, ConvertOptions, Start, convert};
 use crate::error::PreprocessError;
 use crate::progress::Progress;
-use octree_store::{BrickScratch, NodeRecord, Sample, Store, with_sample_type};
+use octree_store::{BrickScratch, NodeRecord, OverlapAtRest, Sample, Store, with_sample_type};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
@@ -34,6 +34,8 @@ pub struct RungReading {
     pub effort: &'static str,
     /// Bricks whose every voxel is below this are dropped; null where none are.
     pub empty_below: Option<f64>,
+    /// Whether payloads hold the overlap; else it is assembled on reading.
+    pub stored_overlap: bool,
     /// What `octavo convert` must be told to go this way.
     pub arguments: Vec<String>,
     /// Bits of level 0's payloads for each of its voxels.
@@ -60,13 +62,13 @@ pub struct RungReading {
     pub encode_runs: usize,
     /// The sample's bytes over `encode_secs`.
     pub encode_mb_per_sec: f64,
-    /// Decoding every brick of level 0 on one thread.
+    /// Decoding the core of every brick of level 0 on one thread.
     pub decode_mb_per_sec_one_thread: f64,
     /// The same on all threads that the report names.
     pub decode_mb_per_sec: f64,
     /// Passes over level 0 that were timed, of each of the two.
     pub decode_runs: [usize; 2],
-    /// Microseconds to find, read, check and decode one brick at a random place: the median.
+    /// Microseconds to find, read, check and decode one brick at a random place, overlap included: the median.
     pub random_read_micros: f64,
     /// Random reads that were timed.
     pub random_reads: usize,
@@ -118,9 +120,10 @@ impl Sampled {
         progress.bricks_done(plan.bricks);
         Ok(RungReading {
             name: rung.name(),
-            encoding: rung.encoding.name().to_owned(),
+            encoding: rung.encoding.to_string(),
             effort: rung.effort.name(),
             empty_below: rung.empty_below,
+            stored_overlap: rung.overlap_at_rest == OverlapAtRest::Stored,
             arguments: rung.arguments(),
             payload_bits_per_voxel: 8.0 * level.payload_bytes as f64 / voxels,
             file_bits_per_voxel: 8.0 * file_bytes as f64 / voxels,
@@ -205,7 +208,7 @@ fn read_store<T: Sample>(
     })?;
     let begin = || (vec![T::default(); store.geometry().brick_samples()], BrickScratch::default());
     let decode = |(mut brick, mut scratch): (Vec<T>, BrickScratch), record: &NodeRecord| {
-        store.decode_brick(record, &mut scratch, &mut brick)?;
+        store.decode_brick_core(record, &mut scratch, &mut brick)?;
         Ok::<_, PreprocessError>((brick, scratch))
     };
     let stop = || if progress.should_stop() { Err(PreprocessError::Cancelled) } else { Ok(()) };

@@ -17,7 +17,7 @@ pub enum Wish {
         /// The limit.
         bits_per_voxel: f64,
     },
-    /// The fastest decoding on one thread of a store whose AMAX is at most this.
+    /// The fastest read of a brick at a random place, in a store whose AMAX is at most this.
     FastestToReadUnderError {
         /// The limit.
         amax: f64,
@@ -35,7 +35,7 @@ pub fn choose(wish: Wish, rungs: &[RungReading]) -> Option<usize> {
                 <= bits_per_voxel)
                 .then_some([rung.rms, rung.file_bits_per_voxel]),
             Wish::FastestToReadUnderError { amax } => (rung.amax <= amax)
-                .then_some([-rung.decode_mb_per_sec_one_thread, rung.file_bits_per_voxel]),
+                .then_some([rung.random_read_micros, rung.file_bits_per_voxel]),
         }
     };
     let costs = rungs.iter().enumerate().filter_map(|(place, rung)| Some((cost(rung)?, place)));

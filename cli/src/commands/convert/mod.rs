@@ -9,7 +9,7 @@ use crate::exit::Answer;
 use crate::parse;
 use crate::progress::Bar;
 use clap::{Args, ValueEnum};
-use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, Region};
+use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, OverlapAtRest, Region};
 use preprocess::PreprocessError;
 use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
 use report::Report;
@@ -60,13 +60,18 @@ pub(super) struct Convert {
     /// Voxels of the neighbours on every side of the core: 0 to 4
     #[arg(long, value_name = "N", default_value_t = 2)]
     overlap: u32,
-    /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact
-    #[arg(long, value_enum, default_value_t = EncodingName::U8)]
-    encoding: EncodingName,
+    /// How samples are stored: u8 takes 8 bits over each brick's range; lossless is bit exact; with
+    /// max-error=E each brick takes the fewest bits that keep every voxel within E of the source
+    #[arg(long, value_name = "u8|lossless|max-error=E", default_value_t = Encoding::Quantised8)]
+    encoding: Encoding,
     /// How much work goes into a small store: fast stores bricks as they are, balanced tries LZ4,
     /// small uses Zstandard
     #[arg(long, value_enum, default_value_t = EffortName::Balanced)]
     effort: EffortName,
+    /// Where overlap is while the store rests: stored in every brick, so that a brick is one read, or
+    /// assembled on reading from the neighbours, which saves its bytes
+    #[arg(long, value_enum, default_value_t = OverlapName::Stored)]
+    overlap_at_rest: OverlapName,
     /// How a level is made of the one below it: the mean, greatest, least or most frequent of
     /// 2x2x2 cells (mode keeps labels exact), or the one at the lowest corner (nearest)
     #[arg(long, value_enum, default_value_t = DownsampleName::Mean)]
@@ -114,16 +119,16 @@ struct Job {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum EncodingName {
-    U8,
-    Lossless,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
 enum EffortName {
     Fast,
     Balanced,
     Small,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum OverlapName {
+    Stored,
+    Assembled,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -252,14 +257,15 @@ impl Convert {
         ConvertOptions {
             brick_core: self.brick,
             brick_overlap: self.overlap,
-            encoding: match self.encoding {
-                EncodingName::U8 => Encoding::Quantised8,
-                EncodingName::Lossless => Encoding::Lossless,
-            },
+            encoding: self.encoding,
             effort: match self.effort {
                 EffortName::Fast => Effort::Fast,
                 EffortName::Balanced => Effort::Balanced,
                 EffortName::Small => Effort::Small,
+            },
+            overlap_at_rest: match self.overlap_at_rest {
+                OverlapName::Stored => OverlapAtRest::Stored,
+                OverlapName::Assembled => OverlapAtRest::Assembled,
             },
             downsample: match self.downsample {
                 DownsampleName::Mean => DownsampleFilter::Mean,

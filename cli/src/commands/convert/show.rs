@@ -23,7 +23,7 @@ pub(super) fn print_plan(plan: &ConversionPlan, output: &Path) -> io::Result<()>
         plan.bricks,
         plan.brick_core,
         plan.brick_overlap,
-        plan.encoding.name()
+        plan.encoding
     )?;
     for level in &plan.levels {
         writeln!(

@@ -21,8 +21,8 @@ pub(super) const GRID: RGBColor = RGBColor(0xdd, 0xdd, 0xdc);
 const LETTER: u32 = 14;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Chart<'a> =
-    ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Chart<'a, 'b> =
+    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A picture with words for those who do not see it.
 #[derive(Debug)]
@@ -51,7 +51,7 @@ pub(super) const LEGEND: [(&str, RGBColor); 4] = [
 
 /// `max-error=5 small` is long beside a point.
 fn label_of(rung: &RungReading) -> String {
-    rung.name.replace("max-error=", "E=").replace("without empty", "dropping")
+    rung.name.replace("max-error=", "E=").replace("without empty", "drop").replace("small assembled", "assembled")
 }
 
 /// All plots, in the page's order.
@@ -59,8 +59,6 @@ pub(super) fn all(report: &Report) -> anyhow::Result<Vec<Plot>> {
     register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
         .map_err(|_| anyhow!("the font in this program is damaged"))?;
     type Figure = (&'static str, &'static str, Scale, fn(&RungReading) -> Option<f64>);
-    let over_zero = |value: f64| (value > 0.0).then_some(value);
-    let _ = over_zero;
     let errors: [Figure; 3] = [
         ("AMAX", "largest error (AMAX), source units", Scale::Log, |r| positive(r.amax)),
         ("RMS", "root mean square error (RMS), source units", Scale::Log, |r| positive(r.rms)),
@@ -71,7 +69,7 @@ pub(super) fn all(report: &Report) -> anyhow::Result<Vec<Plot>> {
             Some(r.file_bits_per_voxel)
         }),
         ("conversion speed", "conversion, MB/s", Scale::FromZero, |r| Some(r.encode_mb_per_sec)),
-        ("decoding speed", "decoding on one thread, MB/s", Scale::FromZero, |r| {
+        ("decoding speed", "decoding cores on one thread, MB/s", Scale::FromZero, |r| {
             Some(r.decode_mb_per_sec_one_thread)
         }),
     ];
@@ -121,11 +119,14 @@ enum Shape {
     Triangle,
     Circle,
     Square,
+    /// The overlap is assembled.
+    Cross,
 }
 
 impl Shape {
     fn of(rung: &RungReading) -> Self {
         match rung.effort {
+            _ if !rung.stored_overlap => Self::Cross,
             "fast" => Self::Triangle,
             "small" => Self::Square,
             _ => Self::Circle,
@@ -201,7 +202,7 @@ fn frame<'a, 'b>(
     area: &'a Area<'b>,
     [x, y]: &[Axis; 2],
     words: [&str; 2],
-) -> anyhow::Result<ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>> {
+) -> anyhow::Result<Chart<'a, 'b>> {
     let failed = |error| anyhow!("drawing failed: {error}");
     let mut chart = ChartBuilder::on(area)
         .margin(8)
@@ -223,7 +224,7 @@ fn frame<'a, 'b>(
                 .map_err(failed)?;
         }
     }
-    let line = |chart: &mut ChartContext<'a, SVGBackend<'b>, _>, ends: Vec<(f64, f64)>, colour: RGBColor| {
+    let line = |chart: &mut Chart<'a, 'b>, ends: Vec<(f64, f64)>, colour: RGBColor| {
         chart.draw_series([PathElement::new(ends, colour.stroke_width(1))]).map(drop)
     };
     for (at, _) in &x.marks {
@@ -262,8 +263,8 @@ fn frame<'a, 'b>(
     Ok(chart)
 }
 
-fn mark<'b>(
-    chart: &mut ChartContext<'_, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>,
+fn mark(
+    chart: &mut Chart<'_, '_>,
     at: (f64, f64),
     shape: Shape,
     colour: RGBColor,
@@ -275,6 +276,9 @@ fn mark<'b>(
         }
         Shape::Triangle => {
             chart.draw_series([TriangleMarker::new(at, 7, colour.filled())]).map_err(failed)?;
+        }
+        Shape::Cross => {
+            chart.draw_series([Cross::new(at, 5, colour.stroke_width(3))]).map_err(failed)?;
         }
         Shape::Square => {
             let square = EmptyElement::at(at) + Rectangle::new([(-5, -5), (5, 5)], colour.filled());
