@@ -86,8 +86,9 @@ fn reading(
     let summary = &store.metadata().levels[usize::from(level)];
     let voxels: f64 = store.metadata().dims_xyz.iter().map(|&n| n as f64).product();
     let most_weight = 8_f64.powi(i32::from(level)) * read.voxels as f64 / voxels;
-    let rms_bound = (summary.lod_rms_bound + most_weight.sqrt() * read.rms()) * ROUNDING;
-    let amax_bound = (summary.lod_amax_bound + read.amax) * ROUNDING;
+    let sum = |lod: f64, read: f64| ((lod + read) * ROUNDING).min(f64::MAX);
+    let rms_bound = sum(summary.lod_rms_bound, most_weight.sqrt() * read.rms());
+    let amax_bound = sum(summary.lod_amax_bound, read.amax);
     let deviation_rms = deviation.rms() * (deviation.voxels as f64 / voxels).sqrt();
     let tightness = |measured: f64, bound: f64| (bound > 0.0).then(|| measured / bound);
     Ok(LevelReading {

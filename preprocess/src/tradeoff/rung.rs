@@ -1,7 +1,7 @@
 //! One rung: the conversion, timed; the store, read in several ways, timed; and what it keeps.
 //!
 //! Everything is warm: the sample lies in the page cache, and so does the store when it is read. Times are
-//! medians of as many repetitions as fit a second, three at least where they are short.
+//! medians of as many repetitions as fit a third of a second, and of one where it takes longer.
 
 use super::ladder::Rung;
 use super::lod::{LevelReading, read_levels};
@@ -16,7 +16,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Repetitions end when this long was measured.
-const ENOUGH_SECS: f64 = 0.6;
+const ENOUGH_SECS: f64 = 0.33;
 /// Repetitions at most.
 const MOST_RUNS: usize = 15;
 /// Random reads at most.
@@ -176,7 +176,6 @@ struct Times {
 /// Repeats what says how long it took.
 fn repeat(mut run: impl FnMut() -> Result<f64, PreprocessError>) -> Result<Times, PreprocessError> {
     let mut secs = Vec::new();
-    // A run of more than a third of what is enough is long enough to stand alone.
     while secs.len() < MOST_RUNS && secs.iter().sum::<f64>() < ENOUGH_SECS {
         secs.push(run()?);
     }

@@ -66,6 +66,12 @@ impl Axis {
         Self { scale, low, high, marks, edge: column }
     }
 
+    /// An axis of the whole numbers from 0 to `last`, with room for words behind the last.
+    pub(super) fn counting(last: usize) -> Self {
+        let marks = (0..=last).map(|n| (n as f64, n.to_string())).collect();
+        Self { scale: Scale::Linear, low: -0.25, high: last as f64 + 0.6, marks, edge: None }
+    }
+
     /// The place of a value.
     pub(super) fn at(&self, value: Option<f64>) -> f64 {
         match (value, self.edge) {

@@ -89,7 +89,7 @@ impl Tradeoff {
         }
         let how = self.convert_options();
         let region = sample_region(source.dims_xyz, self.sample, self.brick);
-        let bricks = source.geometry(self.brick, self.overlap)?.bricks();
+        source.geometry(self.brick, self.overlap)?;
         self.check_limits(source.sample_type())?;
         let folder = Folder::open(&self.output, self.force)?;
 
@@ -104,9 +104,9 @@ impl Tradeoff {
             max_errors: (!self.max_error.is_empty()).then(|| self.max_error.clone()),
             empty_below: threshold.map(|threshold| threshold.value),
         });
-        let of_sample = sampled.source.geometry(self.brick, self.overlap)?.bricks();
-        debug_assert!(of_sample <= bricks, "a sample has no more bricks than its volume");
-        let bar = Bar::new("measuring", 2 * of_sample * rungs.len() as u64);
+        let bricks = sampled.source.geometry(self.brick, self.overlap)?.bricks();
+        // Each is made once and read once, as far as the bar is concerned.
+        let bar = Bar::new("measuring", 2 * bricks * rungs.len() as u64);
         let readings = measure(&sampled, &rungs, &how, folder.scratch(), &bar);
         bar.finish();
         let report = Report::new(report::Measured {

@@ -374,12 +374,7 @@ fn by_level(
         figures().flat_map(|(measured, bound)| [positive(measured), positive(bound)]).collect();
     let top = rungs.first().map_or(0, |rung| rung.levels.len().saturating_sub(1));
     let y = Axis::new(&values, Scale::Log, "0");
-    let x = Axis {
-        marks: (0..=top).map(|level| (level as f64, level.to_string())).collect(),
-        low: -0.25,
-        high: top as f64 + 0.6,
-        ..Axis::new(&[Some(0.0), Some(top as f64)], Scale::Linear, "")
-    };
+    let x = Axis::counting(top);
     let described: Vec<_> = rungs
         .iter()
         .map(|rung| {
