@@ -94,6 +94,9 @@ pub struct LevelSummary {
     pub empty: u64,
     /// Bytes of the level's payloads.
     pub payload_bytes: u64,
+    /// Stored bricks by the bits that their samples have before compression.
+    #[serde(default)]
+    pub bits: BTreeMap<u8, u64>,
     /// Quantisation RMS over the voxels of stored and uniform bricks.
     pub rms: f64,
     /// Largest quantisation error over the same voxels.

@@ -7,6 +7,7 @@ use crate::error_sum::{ErrorSum, ErrorTotal};
 use crate::geometry::Geometry;
 use crate::metadata::{LevelSummary, Metadata};
 use crate::record::{BrickState, NodeRecord};
+use std::collections::BTreeMap;
 
 /// Records being summed up.
 #[derive(Debug)]
@@ -26,6 +27,7 @@ struct LevelSums {
     uniform: u64,
     empty: u64,
     payload_bytes: u64,
+    bits: BTreeMap<u8, u64>,
     kept: ErrorTotal,
     lod_rms: ErrorTotal,
     lod_amax: f64,
@@ -50,7 +52,10 @@ impl Summary {
             return;
         }
         match record.state {
-            BrickState::Stored => level.stored += 1,
+            BrickState::Stored => {
+                level.stored += 1;
+                *level.bits.entry(record.bits).or_insert(0) += 1;
+            }
             BrickState::Uniform => level.uniform += 1,
             BrickState::Empty => level.empty += 1,
         }
@@ -94,6 +99,7 @@ impl Summary {
             uniform: sums.uniform,
             empty: sums.empty,
             payload_bytes: sums.payload_bytes,
+            bits: sums.bits.clone(),
             rms: kept.rms(),
             amax: kept.amax,
             lod_rms_bound: sums.lod_rms.total().rms(),

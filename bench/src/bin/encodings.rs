@@ -42,8 +42,8 @@ fn main() -> anyhow::Result<()> {
     }
     let bricks = gather(&geometry, &voxels);
     let count = voxels.len() as f64;
-    println!("| encoding | effort | overlap | bits a voxel | RMSE | max error | encode Mvoxel/s | decode Mvoxel/s | bricks by filter |");
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("| encoding | effort | overlap | bits a voxel | RMSE | max error | encode Mvoxel/s | decode Mvoxel/s | with overlap | overlap RMSE | overlap max | bricks by filter |");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     let encodings = [Encoding::Quantised8].into_iter().chain(bounds).chain([Encoding::Lossless]);
     for encoding in encodings {
         for effort in [Effort::Fast, Effort::Balanced, Effort::Small] {
@@ -51,13 +51,16 @@ fn main() -> anyhow::Result<()> {
                 let format = BrickFormat { encoding, effort, cut_overlap };
                 let made = measure(&geometry, &bricks, format)?;
                 println!(
-                    "| {encoding} | {} | {overlap} | {:.2} | {:.1} | {} | {:.0} | {:.0} | {} |",
+                    "| {encoding} | {} | {overlap} | {:.2} | {:.1} | {} | {:.0} | {:.0} | {:.0} | {:.1} | {} | {} |",
                     effort.name(),
                     8.0 * made.bytes as f64 / count,
                     made.error.rms(),
                     made.error.amax,
                     count / made.encode_secs / 1e6,
                     count / made.decode_secs / 1e6,
+                    count / made.whole_secs / 1e6,
+                    made.overlap.rms(),
+                    made.overlap.amax,
                     made.filters
                 );
             }
@@ -97,6 +100,9 @@ struct Made {
     error: ErrorSum,
     encode_secs: f64,
     decode_secs: f64,
+    /// Of whole bricks, overlap assembled where it is not stored.
+    whole_secs: f64,
+    overlap: ErrorSum,
     filters: String,
 }
 
@@ -135,6 +141,22 @@ fn measure(
         outcome?;
         decode_secs = decode_secs.min(started.elapsed().as_secs_f64());
     }
+    let started = Instant::now();
+    for record in &records {
+        store.decode_brick(&record_of(&store, record)?, &mut scratch, &mut samples)?;
+    }
+    let whole_secs = started.elapsed().as_secs_f64();
+    let mut overlap = ErrorSum::default();
+    for ((key, source), record) in bricks.iter().zip(&records) {
+        store.decode_brick(&record_of(&store, record)?, &mut scratch, &mut samples)?;
+        let mut core = vec![false; source.len()];
+        for row in core_rows(geometry, *key) {
+            core[row].fill(true);
+        }
+        for i in (0..source.len()).filter(|i| !core[*i]) {
+            overlap.add(f64::from(samples[i]) - f64::from(source[i]));
+        }
+    }
     let mut error = ErrorSum::default();
     for record in &records {
         error.voxels += record.error.voxels;
@@ -150,7 +172,12 @@ fn measure(
         .into_iter()
         .map(|((bits, filter, compression), n)| format!("{n} of {bits} bits {filter}/{compression}"))
         .collect();
-    Ok(Made { bytes: payloads.len(), error, encode_secs, decode_secs, filters: filters.join(", ") })
+    Ok(Made { bytes: payloads.len(), error, encode_secs, decode_secs, whole_secs, overlap, filters: filters.join(", ") })
+}
+
+/// The record with its place in the store.
+fn record_of(store: &Store, record: &NodeRecord) -> anyhow::Result<NodeRecord> {
+    Ok(store.node(record.key)?)
 }
 
 /// A store of these bricks in a temporary file, which is in the page cache; the levels above are uniform.

@@ -5,6 +5,7 @@ use crate::exit::Answer;
 use crate::info_json::{InfoJson, bits_per_voxel};
 use clap::Args;
 use octree_store::{Metadata, Store};
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -47,6 +48,17 @@ pub(super) fn error_line(metadata: &Metadata) -> String {
     }
 }
 
+/// How many stored bricks have how many bits a sample, of all levels.
+fn bits_line(metadata: &Metadata) -> String {
+    let mut bricks = BTreeMap::new();
+    for (bits, count) in metadata.levels.iter().flat_map(|level| &level.bits) {
+        *bricks.entry(*bits).or_insert(0_u64) += count;
+    }
+    let each: Vec<_> =
+        bricks.iter().map(|(bits, count)| format!("{bits}: {count} bricks")).collect();
+    if each.is_empty() { "no brick has a payload".into() } else { each.join(", ") }
+}
+
 /// What was dropped, in words.
 pub(super) fn dropped_line(metadata: &Metadata) -> String {
     let Metadata { dropped_voxels, empty_value, dropped_rms, dropped_amax, .. } = metadata;
@@ -74,11 +86,13 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
     }
     writeln!(
         out,
-        "bricks       {}^3 + {} overlap, {}",
+        "bricks       {}^3 + {} overlap{}, {}",
         metadata.brick_core,
         metadata.brick_overlap,
+        if metadata.stored_overlap { "" } else { " assembled on reading" },
         metadata.encoding
     )?;
+    writeln!(out, "bits         {}", bits_line(metadata))?;
     writeln!(
         out,
         "size         {} in the file, {:.2} bits a voxel, {} of payload",

@@ -64,7 +64,7 @@ impl<T: Sample> Quantiser<T> {
             2.0 * (max_error.get() * (1.0 - room)).min(f64::MAX / 8.0)
         };
         let range = high - low;
-        if !range.is_finite() || step.partial_cmp(&0.0).is_none_or(|order| order.is_le()) {
+        if !(0.0..=f64::MAX).contains(&range) || step.partial_cmp(&0.0).is_none_or(|order| order.is_le()) {
             return None;
         }
         let (base, first, count) = match anchor {
@@ -139,7 +139,7 @@ impl<T: Sample> Quantiser<T> {
     /// What a reader gets for one code: the obvious way.
     pub fn value(&self, code: u16) -> T {
         let at = self.base + (self.first + f64::from(code.min(self.last))) * self.step;
-        T::from_f64(at.clamp(self.min.to_f64(), self.max.to_f64()))
+        T::from_f64(at.max(self.min.to_f64()).min(self.max.to_f64()))
     }
 
     /// Whether every finite sample reads as something within the bound. Integers always do.

@@ -64,9 +64,12 @@ impl Decoding {
         scratch: &mut DecodeScratch,
         samples: &mut [T],
     ) -> Result<(), Damage> {
+        let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
+        if !(min.is_finite() && max.is_finite() && min <= max) {
+            return Err(Damage::Tree { what: "its range is none of its type" });
+        }
         match record.coding {
             Coding::Quantised8 => {
-                let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
                 let codes = codes::<u8>(record, payload, samples.len(), scratch)?;
                 quantised8::Quantiser::new(min, max).decode(codes, samples);
             }

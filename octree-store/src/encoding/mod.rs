@@ -9,6 +9,8 @@ pub mod bounded;
 mod choice;
 pub(crate) mod decode;
 mod effort;
+#[cfg(test)]
+mod extremes;
 mod filter;
 mod integer_errors;
 pub mod payload;

@@ -214,8 +214,8 @@ fn divide_memory(
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
     let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };
-    // Gathered samples, means, codes, and room for compression to fail in.
-    let thread_bytes = THREAD_BYTES + 8 * brick + core / 8 + coded + coded * 11 / 10 + zstd;
+    // Gathered samples, means, codes, what filters make of them, and room for compression to fail in.
+    let thread_bytes = THREAD_BYTES + 8 * brick + core / 8 + 3 * coded + coded * 11 / 10 + zstd;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
     // A small volume has fewer bricks than its octets have room for.
     let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);

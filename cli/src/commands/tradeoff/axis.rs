@@ -66,10 +66,10 @@ impl Axis {
         Self { scale, low, high, marks, edge: column }
     }
 
-    /// An axis of the whole numbers from 0 to `last`, with room for words behind the last.
+    /// An axis of the whole numbers from 0 to `last`.
     pub(super) fn counting(last: usize) -> Self {
         let marks = (0..=last).map(|n| (n as f64, n.to_string())).collect();
-        Self { scale: Scale::Linear, low: -0.25, high: last as f64 + 0.6, marks, edge: None }
+        Self { scale: Scale::Linear, low: -0.25, high: last as f64 + 0.25, marks, edge: None }
     }
 
     /// The place of a value.

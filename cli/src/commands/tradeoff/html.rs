@@ -96,9 +96,9 @@ fn summary(page: &mut String, report: &Report) -> std::fmt::Result {
 fn wishes(page: &mut String, report: &Report) -> std::fmt::Result {
     page.push_str(
         "<h2>Three wishes</h2>\n<div class=\"scroll\" tabindex=\"0\" role=\"region\" \
-         aria-label=\"Three wishes\"><table>\n<thead><tr><th scope=\"col\">Wish</th>\
-         <th scope=\"col\">Best</th><th scope=\"col\">Bits a voxel</th><th scope=\"col\">AMAX</th>\
-         <th scope=\"col\">Random brick µs</th><th scope=\"col\">Command</th></tr></thead>\n<tbody>\n",
+         aria-label=\"Three wishes\"><table class=\"wishes\">\n<thead><tr><th scope=\"col\">Wish</th>\
+         <th scope=\"col\" class=\"word\">Best, and the command for it</th><th scope=\"col\">Bits a voxel</th>\
+         <th scope=\"col\">AMAX</th><th scope=\"col\">RMS</th><th scope=\"col\">Random brick µs</th></tr></thead>\n<tbody>\n",
     );
     for wish in &report.wishes {
         let how = if wish.limit == "default" { " (the default limit)" } else { "" };
@@ -107,12 +107,13 @@ fn wishes(page: &mut String, report: &Report) -> std::fmt::Result {
         match (best, &wish.command) {
             (Some(rung), Some(command)) => writeln!(
                 page,
-                "<td class=\"word\">{}</td><td>{:.2}</td><td>{}</td><td>{:.1}</td><td class=\"word\"><code>{}</code></td></tr>",
+                "<td class=\"word\">{}<br><code>{}</code></td><td>{:.2}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
                 escaped(&rung.name),
+                escaped(command),
                 rung.file_bits_per_voxel,
                 short(rung.amax),
-                rung.random_read_micros,
-                escaped(command)
+                short(rung.rms),
+                rung.random_read_micros
             )?,
             _ => writeln!(page, "<td class=\"word\" colspan=\"5\">none of these</td></tr>")?,
         }

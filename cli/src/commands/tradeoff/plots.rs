@@ -207,7 +207,7 @@ fn frame<'a, 'b>(
     let mut chart = ChartBuilder::on(area)
         .margin(8)
         .margin_right(16)
-        .x_label_area_size(52)
+        .x_label_area_size(46)
         .y_label_area_size(76)
         .build_cartesian_2d(x.low..x.high, y.low..y.high)
         .map_err(failed)?;
@@ -419,8 +419,9 @@ fn by_level(
             for at in &measured {
                 mark(&mut chart, *at, Shape::Circle, colour)?;
             }
-            if let Some(last) = measured.last() {
-                labels.push((label_of(rung), chart.backend_coord(last), colour));
+            // At full resolution the ways lie farthest apart.
+            if let Some(first) = measured.first() {
+                labels.push((label_of(rung), chart.backend_coord(first), colour));
             }
         }
         write_labels(area, &labels, chart.plotting_area().get_pixel_range())

@@ -1,0 +1,222 @@
+//! Every encoding keeps its word in a whole store, whatever the effort and wherever the overlap is.
+
+use crate::support::{converted, index, keys, pyramid, scan, small_bricks, voxels};
+use octree_store::{
+    BrickScratch, Damage, Effort, Encoding, NodeKey, OverlapAtRest, Region, Sample, SampleBuffer,
+    StoreError, UploadFormat, verify, with_sample_type,
+};
+use octree_store::{BrickState, SampleType, Store};
+use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, convert, verify_against};
+
+const DIMS: [u64; 3] = [21, 18, 35];
+
+fn bound(error: f64) -> Encoding {
+    Encoding::max_error(error).unwrap()
+}
+
+fn how(encoding: Encoding, effort: Effort, overlap_at_rest: OverlapAtRest) -> ConvertOptions {
+    ConvertOptions { effort, overlap_at_rest, ..small_bricks(encoding) }
+}
+
+/// What a reader gets of every brick, overlap included, against the pyramid of means: within `error` for
+/// every sample, core or overlap.
+fn assert_within<T: Sample>(voxels: &[T], store: &Store, error: f64) {
+    let geometry = store.geometry();
+    let levels = pyramid(DIMS, voxels, geometry.top_level() + 1);
+    let side = geometry.brick_side();
+    let mut brick = vec![T::default(); geometry.brick_samples()];
+    let mut scratch = BrickScratch::default();
+    for key in keys(geometry) {
+        let record = store.read_brick(key, &mut scratch, &mut brick).unwrap();
+        assert!(record.error.amax <= error, "{key}: {}", record.error.amax);
+        let dims = geometry.dims_at(key.level());
+        let origin = geometry.sample_origin(key);
+        for (i, read) in brick.iter().enumerate() {
+            let at = [i % side, i / side % side, i / side / side];
+            let voxel = [0, 1, 2].map(|axis| {
+                (origin[axis] + at[axis] as i64).clamp(0, dims[axis] as i64 - 1) as u64
+            });
+            let v = levels[usize::from(key.level())][index(dims, voxel)];
+            assert!((read.to_f64() - v.to_f64()).abs() <= error, "{key} {at:?}: {v} reads as {read}");
+            let range = record.brick_min..=record.brick_max;
+            assert!(range.contains(&read.to_f64()), "{key} {at:?}: {read} leaves its range");
+        }
+    }
+}
+
+fn assert_keeps_its_word<T: Sample>(options: &ConvertOptions, error: Option<f64>) {
+    let made = converted(DIMS, scan::<T>(DIMS, 3), options);
+    let report = verify::verify(&made.store, || true).unwrap().unwrap();
+    assert!(report.is_ok(), "{report:?}");
+    let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
+    let against =
+        verify_against(&made.store, source, &ConvertOptions::default(), &NoProgress).unwrap();
+    assert_eq!(against.damaged, []);
+    let level = &made.store.metadata().levels[0];
+    assert_eq!((against.rms, against.amax), (level.rms, level.amax));
+    // The overlap of `u8` has the neighbours' errors: none is larger than the largest of a core.
+    let amax = made.store.metadata().levels.iter().map(|level| level.amax).fold(0.0, f64::max);
+    if error.is_some() || options.overlap_at_rest == OverlapAtRest::Assembled {
+        assert_within(&made.voxels, &made.store, error.unwrap_or(amax));
+    }
+    for threads in [1, 2, 7] {
+        let options = ConvertOptions { threads, ..options.clone() };
+        let other = made.folder.path().join(format!("{threads}.octavo"));
+        let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
+        let done = convert(&source, &other, &options, &NoProgress).unwrap();
+        assert_eq!(done.metadata.digest, made.store.metadata().digest, "{threads} threads");
+    }
+    let region = Region { min: [5, 0, 7], max: [20, 17, 33] };
+    let cut = made.store.read_region::<T>(0, region).unwrap();
+    let whole = made.store.read_region::<T>(0, Region::whole(DIMS)).unwrap();
+    let expected: Vec<T> = voxels(region.dims_xyz(), |at| {
+        whole[index(DIMS, [0, 1, 2].map(|axis| at[axis] + region.min[axis]))]
+    });
+    assert_eq!(cut, expected);
+}
+
+#[test]
+fn every_encoding_keeps_its_word_in_every_type_wherever_the_overlap_is() {
+    for overlap in [OverlapAtRest::Stored, OverlapAtRest::Assembled] {
+        for sample_type in [SampleType::U8, SampleType::I16, SampleType::U32, SampleType::F32] {
+            with_sample_type!(sample_type, T => {
+                for (encoding, error) in [
+                    (Encoding::Lossless, Some(0.0)), (Encoding::Quantised8, None),
+                    (bound(0.0), Some(0.0)), (bound(3.7), Some(3.7)), (bound(700.0), Some(700.0)),
+                ] {
+                    assert_keeps_its_word::<T>(&how(encoding, Effort::Balanced, overlap), error);
+                }
+            });
+        }
+        for effort in [Effort::Fast, Effort::Small] {
+            for (encoding, error) in [
+                (Encoding::Lossless, Some(0.0)), (Encoding::Quantised8, None), (bound(50.0), Some(50.0)),
+            ] {
+                assert_keeps_its_word::<u16>(&how(encoding, effort, overlap), error);
+            }
+        }
+    }
+}
+
+#[test]
+fn assembled_overlap_of_any_width_is_the_stored_one_where_nothing_is_lost() {
+    for (core, overlap) in [(8, 0), (8, 4), (10, 1), (16, 3)] {
+        let read = |overlap_at_rest| {
+            let options = ConvertOptions {
+                brick_core: core,
+                brick_overlap: overlap,
+                ..how(Encoding::Lossless, Effort::Balanced, overlap_at_rest)
+            };
+            let made = converted([17, 9, 26], scan::<f32>([17, 9, 26], 5), &options);
+            let bricks: Vec<SampleBuffer> = keys(made.store.geometry())
+                .into_iter()
+                .map(|key| made.store.read_brick_samples(key).unwrap().1)
+                .collect();
+            (bricks, made.store.metadata().payload_bytes)
+        };
+        let (stored, assembled) = (read(OverlapAtRest::Stored), read(OverlapAtRest::Assembled));
+        assert_eq!(stored.0, assembled.0, "core {core}, overlap {overlap}");
+        assert!(overlap == 0 || assembled.1 < stored.1 * 3 / 4);
+    }
+}
+
+#[test]
+fn not_a_number_in_a_neighbour_stays_where_it_is_kept() {
+    let voxels = voxels(DIMS, |[x, y, z]| if (x + y + z) % 7 == 0 { f32::NAN } else { (x * y) as f32 });
+    let read = |overlap| {
+        let made = converted(DIMS, voxels.clone(), &how(Encoding::Lossless, Effort::Small, overlap));
+        let (_, samples) = made.store.read_brick_samples(NodeKey::new(0, [1, 1, 1])).unwrap();
+        samples.to_le_bytes()
+    };
+    assert_eq!(read(OverlapAtRest::Stored), read(OverlapAtRest::Assembled));
+}
+
+#[test]
+fn damage_in_a_neighbour_fails_the_overlap_with_its_key_and_no_core_but_its_own() {
+    let options = how(Encoding::Lossless, Effort::Balanced, OverlapAtRest::Assembled);
+    let made = converted(DIMS, scan::<u16>(DIMS, 8), &options);
+    let (bad, good, far) =
+        (NodeKey::new(0, [1, 1, 1]), NodeKey::new(0, [0, 0, 0]), NodeKey::new(0, [0, 0, 4]));
+    let place = made.store.node(bad).unwrap().place;
+    let mut bytes = std::fs::read(made.store.path()).unwrap();
+    bytes[4096 + place.offset as usize + 9] ^= 4;
+    let path = made.folder.path().join("damaged.octavo");
+    std::fs::write(&path, bytes).unwrap();
+    let store = Store::open(&path).unwrap();
+    let mut brick = vec![0_u16; store.geometry().brick_samples()];
+    let mut scratch = BrickScratch::default();
+    let failed = store.read_brick(good, &mut scratch, &mut brick).unwrap_err();
+    let damage = Damage::PayloadChecksum;
+    assert!(matches!(failed, StoreError::Damaged { key, damage: d, .. } if key == bad && d == damage));
+    store.read_brick_core(good, &mut scratch, &mut brick).unwrap();
+    store.read_brick(far, &mut scratch, &mut brick).unwrap();
+    let damaged: Vec<_> = verify::verify(&store, || true).unwrap().unwrap().damaged;
+    assert_eq!(damaged.iter().map(|node| node.key).collect::<Vec<_>>(), [bad]);
+}
+
+#[test]
+fn uploads_mean_what_decoding_gives_and_eight_bits_stay_eight() {
+    for overlap in [OverlapAtRest::Stored, OverlapAtRest::Assembled] {
+        for sample_type in SampleType::ALL {
+            with_sample_type!(sample_type, T => {
+                for encoding in [Encoding::Quantised8, Encoding::Lossless, bound(0.0), bound(2.5), bound(300.0)] {
+                    let made = converted(DIMS, scan::<T>(DIMS, 4), &how(encoding, Effort::Small, overlap));
+                    assert_uploads::<T>(&made.store);
+                }
+            });
+        }
+    }
+}
+
+fn assert_uploads<T: Sample>(store: &Store) {
+    let mut samples = vec![T::default(); store.geometry().brick_samples()];
+    let mut scratch = BrickScratch::default();
+    for key in keys(store.geometry()) {
+        let record = store.read_brick(key, &mut scratch, &mut samples).unwrap();
+        let upload = store.read_upload(&record, &mut scratch).unwrap();
+        let map = upload.map;
+        assert_eq!(upload.bytes.len(), samples.len() * map.format.bytes());
+        let expected = match (store.metadata().encoding, T::TYPE) {
+            _ if record.state != BrickState::Stored || record.bits == 0 => UploadFormat::R8,
+            (Encoding::Lossless, _) if size_of::<T>() == 1 => UploadFormat::R8,
+            (Encoding::Lossless, SampleType::U16 | SampleType::I16) => UploadFormat::R16,
+            (Encoding::Lossless, _) => UploadFormat::R32Float,
+            _ if record.bits <= 8 => UploadFormat::R8,
+            _ if record.bits <= 16 => UploadFormat::R16,
+            _ => UploadFormat::R32Float,
+        };
+        assert_eq!(map.format, expected, "{record:?}");
+        for (texel, sample) in upload.bytes.chunks_exact(map.format.bytes()).zip(&samples) {
+            let texel = match *texel {
+                [byte] => f64::from(byte),
+                [a, b] => f64::from(u16::from_le_bytes([a, b])),
+                [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
+                _ => unreachable!(),
+            };
+            let value = map.scale * texel + map.offset;
+            let difference = (value - sample.to_f64()).abs();
+            assert!(difference <= map.max_difference, "{sample} as {value}: {map:?} {record:?}");
+        }
+    }
+}
+
+#[test]
+fn a_store_says_how_many_bits_its_bricks_have() {
+    let made = converted(DIMS, scan::<u16>(DIMS, 3), &small_bricks(bound(300.0)));
+    let metadata = made.store.metadata();
+    assert_eq!(metadata.encoding.to_string(), "max-error=300");
+    for level in &metadata.levels {
+        let mut counted = std::collections::BTreeMap::new();
+        made.store
+            .visit_level(level.level, |record| {
+                if record.state == BrickState::Stored {
+                    *counted.entry(record.bits).or_insert(0) += 1;
+                }
+                true
+            })
+            .unwrap();
+        assert_eq!(level.bits, counted);
+        assert_eq!(level.bits.values().sum::<u64>(), level.stored);
+    }
+    assert!(metadata.levels[0].bits.len() > 1, "bricks differ: {:?}", metadata.levels[0].bits);
+}
