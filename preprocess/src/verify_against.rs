@@ -175,7 +175,8 @@ impl<T: Sample> Visitor<T> for Against<'_> {
         let mut measured =
             Measured { error: ErrorSum::default(), empty: self.rules.drops(samples), damage: None };
         scratch.decoded.resize(samples.len(), T::default());
-        let record = match self.store.read_brick_core(key, &mut scratch.brick, &mut scratch.decoded) {
+        let record = match self.store.read_brick_core(key, &mut scratch.brick, &mut scratch.decoded)
+        {
             Ok(record) => record,
             Err(StoreError::Damaged { damage, .. }) => {
                 measured.damage = Some(damage);

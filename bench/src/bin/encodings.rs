@@ -35,14 +35,17 @@ fn main() -> anyhow::Result<()> {
         .filter(|dims| dims.len() == 3)
         .context("the name says no size: NAME_XxYxZ_u16.raw")?;
     let bytes = std::fs::read(&path).with_context(|| path.clone())?;
-    let voxels: Vec<u16> = bytes.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
+    let voxels: Vec<u16> =
+        bytes.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b)).collect();
     let geometry = Geometry::new([dims[0], dims[1], dims[2]], 32, 2)?;
     if voxels.len() as u64 != geometry.dims_xyz().iter().product::<u64>() {
         bail!("{path} has another size than its name says");
     }
     let bricks = gather(&geometry, &voxels);
     let count = voxels.len() as f64;
-    println!("| encoding | effort | overlap | bits a voxel | RMSE | max error | encode Mvoxel/s | decode Mvoxel/s | with overlap | overlap RMSE | overlap max | bricks by filter |");
+    println!(
+        "| encoding | effort | overlap | bits a voxel | RMSE | max error | encode Mvoxel/s | decode Mvoxel/s | with overlap | overlap RMSE | overlap max | bricks by filter |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     let encodings = [Encoding::Quantised8].into_iter().chain(bounds).chain([Encoding::Lossless]);
     for encoding in encodings {
@@ -170,9 +173,19 @@ fn measure(
     }
     let filters: Vec<_> = filters
         .into_iter()
-        .map(|((bits, filter, compression), n)| format!("{n} of {bits} bits {filter}/{compression}"))
+        .map(|((bits, filter, compression), n)| {
+            format!("{n} of {bits} bits {filter}/{compression}")
+        })
         .collect();
-    Ok(Made { bytes: payloads.len(), error, encode_secs, decode_secs, whole_secs, overlap, filters: filters.join(", ") })
+    Ok(Made {
+        bytes: payloads.len(),
+        error,
+        encode_secs,
+        decode_secs,
+        whole_secs,
+        overlap,
+        filters: filters.join(", "),
+    })
 }
 
 /// The record with its place in the store.

@@ -26,11 +26,11 @@ fn transpose<const N: usize>(rows: &mut [[u8; N]; 8]) {
 fn swap<const SHIFT: usize, const MASK: u8, const N: usize>(rows: &mut [[u8; N]; 8]) {
     for low in 0..8 {
         if low & SHIFT == 0 {
-            for j in 0..N {
-                let (a, b) = (rows[low][j], rows[low + SHIFT][j]);
-                let t = ((a >> SHIFT) ^ b) & MASK;
-                rows[low + SHIFT][j] = b ^ t;
-                rows[low][j] = a ^ (t << SHIFT);
+            let (above, below) = rows.split_at_mut(low + SHIFT);
+            for (a, b) in above[low].iter_mut().zip(&mut below[0]) {
+                let t = ((*a >> SHIFT) ^ *b) & MASK;
+                *b ^= t;
+                *a ^= t << SHIFT;
             }
         }
     }

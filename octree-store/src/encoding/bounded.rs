@@ -1,10 +1,10 @@
 //! The `max-error=E` encoding: per brick the fewest bits whose error is at most E in source units.
 //!
-//! Code q reads as `base + (first + q) * step`, clamped to the brick's range. Integers: `step = 2 floor(E)
-//! + 1`, so that every integer is within floor(E) of a value, exactly; E = 0 keeps them all. Floats:
-//! `step = 2 E` less a little for rounding to the sample's type, and every sample of the brick is looked
-//! at: where one is off by more than E the brick is stored lossless, as it is where codes would need more
-//! than 16 bits.
+//! Code q reads as `base + (first + q) * step`, clamped to the brick's range. Of integers the step is
+//! `2 floor(E) + 1`, so that every integer is within floor(E) of a value, exactly; E = 0 keeps them all. Of
+//! floats it is 2 E, less a little for rounding to the sample's type, and every sample of the brick is
+//! looked at: where one is off by more than E the brick is stored lossless, as it is where codes would
+//! need more than 16 bits.
 //!
 //! The values lie evenly in the brick's range ([`Anchor::Brick`]: the fewest codes, and no value outside
 //! the range), or at the multiples of the step ([`Anchor::Lattice`]: where bricks meet they agree).
@@ -64,7 +64,7 @@ impl<T: Sample> Quantiser<T> {
             2.0 * (max_error.get() * (1.0 - room)).min(f64::MAX / 8.0)
         };
         let range = high - low;
-        if !(0.0..=f64::MAX).contains(&range) || step.partial_cmp(&0.0).is_none_or(|order| order.is_le()) {
+        if !(0.0..=f64::MAX).contains(&range) || step <= 0.0 {
             return None;
         }
         let (base, first, count) = match anchor {
@@ -87,10 +87,18 @@ impl<T: Sample> Quantiser<T> {
                 (0.0, first, last - first + 1.0)
             }
         };
-        if !(count <= 65_536.0) {
+        if count > 65_536.0 {
             return None;
         }
-        Some(Self { min, max, max_error: max_error.get(), base, first, step, last: (count - 1.0) as u16 })
+        Some(Self {
+            min,
+            max,
+            max_error: max_error.get(),
+            base,
+            first,
+            step,
+            last: (count - 1.0) as u16,
+        })
     }
 
     /// Bits of a code: the fewest that hold all of them, 0 where there is one.
@@ -285,7 +293,13 @@ mod tests {
     }
 
     /// What the module says of integers, in i128.
-    fn integer_twin(v: i128, min: i128, max: i128, error: f64, anchor: Anchor) -> (i128, i128, i128) {
+    fn integer_twin(
+        v: i128,
+        min: i128,
+        max: i128,
+        error: f64,
+        anchor: Anchor,
+    ) -> (i128, i128, i128) {
         let half = error.floor().min(1e12) as i128;
         let step = 2 * half + 1;
         let (first, count) = match anchor {
@@ -314,7 +328,9 @@ mod tests {
             quantiser.decode(&codes, &mut decoded);
             for (code, decoded) in codes.iter().zip(&decoded) {
                 assert!(*code <= quantiser.last);
-                assert!(decoded.same_bits(quantiser.value(*code)) || *decoded == quantiser.value(*code));
+                assert!(
+                    decoded.same_bits(quantiser.value(*code)) || *decoded == quantiser.value(*code)
+                );
                 assert!((min..=max).contains(decoded), "{decoded} outside {min}..{max}");
             }
             if quantiser.bits() <= 8 {
@@ -334,7 +350,8 @@ mod tests {
                 assert!((v.to_f64() - d.to_f64()).abs() <= error, "{v} became {d}, bound {error}");
             }
             // Monotone, and what was read is read again.
-            let mut order: Vec<_> = (0..samples.len()).filter(|&i| samples[i].is_finite()).collect();
+            let mut order: Vec<_> =
+                (0..samples.len()).filter(|&i| samples[i].is_finite()).collect();
             order.sort_by(|a, b| samples[*a].partial_cmp(&samples[*b]).unwrap());
             assert!(order.windows(2).all(|pair| codes[pair[0]] <= codes[pair[1]]));
             let mut requantised = codes.clone();
@@ -440,11 +457,29 @@ mod tests {
     fn bits_are_the_fewest() {
         // Codes: floor(range / (2 E + 1)) + 1.
         for (range, error, bits) in [
-            (1_u16, 0.0, 1), (2, 0.0, 2), (255, 0.0, 8), (256, 0.0, 9), (65_535, 0.0, 16),
-            (1, 0.5, 1), (1, 1.0, 0), (2, 1.0, 0), (3, 1.0, 1), (65_535, 127.0, 9), (65_535, 128.0, 8),
-            (65_535, 32_767.0, 1), (65_535, 32_768.0, 0), (65_535, 1e300, 0), (100, 50.9, 0), (100, 49.9, 1),
+            (1_u16, 0.0, 1),
+            (2, 0.0, 2),
+            (255, 0.0, 8),
+            (256, 0.0, 9),
+            (65_535, 0.0, 16),
+            (1, 0.5, 1),
+            (1, 1.0, 0),
+            (2, 1.0, 0),
+            (3, 1.0, 1),
+            (65_535, 127.0, 9),
+            (65_535, 128.0, 8),
+            (65_535, 32_767.0, 1),
+            (65_535, 32_768.0, 0),
+            (65_535, 1e300, 0),
+            (100, 50.9, 0),
+            (100, 49.9, 1),
         ] {
-            let quantiser = quantiser(7_000 % (u16::MAX - range + 1), 7_000 % (u16::MAX - range + 1) + range, error, Anchor::Brick);
+            let quantiser = quantiser(
+                7_000 % (u16::MAX - range + 1),
+                7_000 % (u16::MAX - range + 1) + range,
+                error,
+                Anchor::Brick,
+            );
             assert_eq!(quantiser.unwrap().bits(), bits, "range {range}, bound {error}");
         }
         assert!(quantiser(0_u32, 65_535, 0.0, Anchor::Brick).is_some());
@@ -504,7 +539,10 @@ mod tests {
     #[test]
     fn bricks_that_share_a_lattice_read_a_shared_value_alike() {
         // The range of one brick lies within the other's; neither clamps in the middle.
-        let (a, b) = (quantiser(0_u16, 40_000, 50.0, Anchor::Lattice), quantiser(10_133, 30_777, 50.0, Anchor::Lattice));
+        let (a, b) = (
+            quantiser(0_u16, 40_000, 50.0, Anchor::Lattice),
+            quantiser(10_133, 30_777, 50.0, Anchor::Lattice),
+        );
         for v in (10_300..30_600).step_by(7) {
             let read = |quantiser: &Quantiser<u16>| {
                 let mut code = [0_u16];
@@ -526,6 +564,9 @@ mod tests {
         expected.add_all(&samples[5..300], &decoded[5..300]);
         expected.add_all(&samples[310..311], &decoded[310..311]);
         let errors = quantiser.errors(&samples, &codes, [5..300, 310..311].into_iter());
-        assert_eq!((errors.voxels, errors.squares, errors.amax), (expected.voxels, expected.squares, expected.amax));
+        assert_eq!(
+            (errors.voxels, errors.squares, errors.amax),
+            (expected.voxels, expected.squares, expected.amax)
+        );
     }
 }

@@ -133,7 +133,9 @@ mod tests {
 
     #[test]
     fn bounds_that_bound_nothing_are_refused() {
-        for bad in ["max-error=-1", "max-error=nan", "max-error=inf", "max-error=", "max-error", "U8"] {
+        for bad in
+            ["max-error=-1", "max-error=nan", "max-error=inf", "max-error=", "max-error", "U8"]
+        {
             assert!(bad.parse::<Encoding>().is_err(), "{bad}");
         }
         for bad in [-1.0, f64::NAN, f64::INFINITY, -f64::MIN_POSITIVE] {

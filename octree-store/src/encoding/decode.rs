@@ -83,10 +83,14 @@ impl Decoding {
                     0 if payload.is_empty() => samples.fill(quantiser.value(0)),
                     0 => return Err(Damage::PayloadLength { expected: 0, found: payload.len() }),
                     1..=8 => {
-                        quantiser.decode(codes::<u8>(record, payload, samples.len(), scratch)?, samples);
+                        quantiser
+                            .decode(codes::<u8>(record, payload, samples.len(), scratch)?, samples);
                     }
                     _ => {
-                        quantiser.decode(codes::<u16>(record, payload, samples.len(), scratch)?, samples);
+                        quantiser.decode(
+                            codes::<u16>(record, payload, samples.len(), scratch)?,
+                            samples,
+                        );
                     }
                 }
             }

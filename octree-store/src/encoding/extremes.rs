@@ -104,7 +104,12 @@ fn extremes_of_every_type_keep_their_word() {
     assert_every_encoding_keeps_its_word(&[0_u32, (1 << 24) + 1, (1 << 24) + 2, u32::MAX - 1]);
     assert_every_encoding_keeps_its_word(&[i32::MIN, -((1 << 24) + 1), i32::MAX]);
     assert_every_encoding_keeps_its_word(&[f32::MIN, -1.0, 0.0, -0.0, 1e-30, 1e30, f32::MAX]);
-    assert_every_encoding_keeps_its_word(&[0.0, f32::from_bits(1), f32::from_bits(77), f32::MIN_POSITIVE]);
+    assert_every_encoding_keeps_its_word(&[
+        0.0,
+        f32::from_bits(1),
+        f32::from_bits(77),
+        f32::MIN_POSITIVE,
+    ]);
     assert_every_encoding_keeps_its_word(&[f64::MIN, 0.0, 1e300, f64::MAX, f64::from_bits(1)]);
     let (nan, infinite) = (f32::from_bits(0x7fc1_2345), f32::INFINITY);
     assert_every_encoding_keeps_its_word(&[nan, 1.0, -infinite, 2.5, infinite, -0.0]);

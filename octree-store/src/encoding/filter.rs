@@ -39,8 +39,7 @@ pub struct Filter {
 
 impl Filter {
     /// Words as they are, in order.
-    pub const NONE: Self =
-        Self { prediction: Prediction::None, arrangement: Arrangement::InOrder };
+    pub const NONE: Self = Self { prediction: Prediction::None, arrangement: Arrangement::InOrder };
 
     /// Every filter, by id.
     pub fn all() -> impl Iterator<Item = Self> {

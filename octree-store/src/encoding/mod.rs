@@ -180,17 +180,17 @@ pub fn encode_brick<T: Sample>(
             return record;
         }
         Encoding::MaxError(error) if !exact => {
-            let anchor =
-                if format.cut_overlap.is_some() { Anchor::Lattice } else { Anchor::Brick };
-            let stored = bounded::Quantiser::new(min, max, error, anchor).is_some_and(|quantiser| {
-                let store = if quantiser.bits() <= 8 {
-                    store_bounded::<T, u8, _>
-                } else {
-                    store_bounded::<T, u16, _>
-                };
-                let measured = measured.clone();
-                store(&quantiser, samples, format, measured, &mut record, scratch, payloads)
-            });
+            let anchor = if format.cut_overlap.is_some() { Anchor::Lattice } else { Anchor::Brick };
+            let stored =
+                bounded::Quantiser::new(min, max, error, anchor).is_some_and(|quantiser| {
+                    let store = if quantiser.bits() <= 8 {
+                        store_bounded::<T, u8, _>
+                    } else {
+                        store_bounded::<T, u16, _>
+                    };
+                    let measured = measured.clone();
+                    store(&quantiser, samples, format, measured, &mut record, scratch, payloads)
+                });
             if stored {
                 return record;
             }

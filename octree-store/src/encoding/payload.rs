@@ -171,9 +171,9 @@ pub(crate) fn unpack<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::encoding::{BrickFormat, EncodeScratch, Encoding, encode_brick, finite_range};
     use crate::encoding::bounded::Anchor;
     use crate::encoding::decode::{DecodeScratch, Decoding};
+    use crate::encoding::{BrickFormat, EncodeScratch, Encoding, encode_brick, finite_range};
     use crate::key::NodeKey;
     use proptest::prelude::*;
 

@@ -67,7 +67,7 @@ fn sums<W: Word>(words: &mut [W]) {
 
 /// The row before row `row` along y, and along z, and along both; `None` outside the brick.
 fn rows_before(side: usize, row: usize) -> [Option<usize>; 3] {
-    let (y, z) = (row % side > 0, row >= side);
+    let (y, z) = (!row.is_multiple_of(side), row >= side);
     [y.then(|| row - 1), z.then(|| row - side), (y && z).then(|| row - side - 1)]
 }
 
@@ -132,13 +132,21 @@ mod tests {
     fn twin(words: &[u16], side: usize) -> Vec<u16> {
         let at = |x: i64, y: i64, z: i64| {
             let inside = x >= 0 && y >= 0 && z >= 0;
-            if inside { i64::from(words[((z as usize * side) + y as usize) * side + x as usize]) } else { 0 }
+            if inside {
+                i64::from(words[((z as usize * side) + y as usize) * side + x as usize])
+            } else {
+                0
+            }
         };
         let n = side as i64;
         let mut residuals = Vec::new();
-        for (z, y, x) in (0..n).flat_map(|z| (0..n).flat_map(move |y| (0..n).map(move |x| (z, y, x)))) {
+        for (z, y, x) in
+            (0..n).flat_map(|z| (0..n).flat_map(move |y| (0..n).map(move |x| (z, y, x))))
+        {
             let predicted = at(x - 1, y, z) + at(x, y - 1, z) + at(x, y, z - 1)
-                - at(x - 1, y - 1, z) - at(x - 1, y, z - 1) - at(x, y - 1, z - 1)
+                - at(x - 1, y - 1, z)
+                - at(x - 1, y, z - 1)
+                - at(x, y - 1, z - 1)
                 + at(x - 1, y - 1, z - 1);
             residuals.push(((at(x, y, z) - predicted) as u16).zigzag());
         }
@@ -159,10 +167,11 @@ mod tests {
 
     #[test]
     fn a_ramp_along_any_axis_is_predicted() {
-        let words: Vec<u16> = (0..512).map(|i| 1000 + 3 * (i % 8) + 50 * (i / 8 % 8) + 7 * (i / 64)).collect();
+        let words: Vec<u16> =
+            (0..512).map(|i| 1000 + 3 * (i % 8) + 50 * (i / 8 % 8) + 7 * (i / 64)).collect();
         let mut stored = vec![9; 512];
         residuals(&words, Prediction::Lorenzo, &mut stored);
-        let inside = |i: &usize| i % 8 > 0 && i / 8 % 8 > 0 && i / 64 > 0;
+        let inside = |i: &usize| [i % 8, i / 8 % 8, i / 64].iter().all(|at| *at > 0);
         assert!((0..512).filter(inside).all(|i| stored[i] == 0));
     }
 

@@ -72,7 +72,12 @@ impl Decoding {
     pub(crate) fn value_map<T: Sample>(&self, record: &NodeRecord) -> Result<ValueMap, Damage> {
         let (min, max) = (record.brick_min, record.brick_max);
         let magnitude = min.abs().max(max.abs());
-        let map = |format, scale, offset, max_difference| ValueMap { format, scale, offset, max_difference };
+        let map = |format, scale, offset, max_difference| ValueMap {
+            format,
+            scale,
+            offset,
+            max_difference,
+        };
         Ok(match record.coding {
             Coding::Quantised8 => {
                 let step = max / 255.0 - min / 255.0;
@@ -86,7 +91,8 @@ impl Decoding {
                 let (scale, offset) = quantiser.value_map();
                 let last = offset + f64::from(quantiser.last()) * scale;
                 let clamped = (min - offset).max(last - max).max(0.0);
-                let rounded = if T::TYPE.is_integer() { 0.0 } else { rounding::<T>(magnitude + scale) };
+                let rounded =
+                    if T::TYPE.is_integer() { 0.0 } else { rounding::<T>(magnitude + scale) };
                 let again = if self.stored_overlap() { 0.0 } else { scale / 2.0 };
                 map(format, scale, offset, clamped.max(again) + rounded)
             }
@@ -131,7 +137,9 @@ impl Decoding {
             (Coding::Quantised8 | Coding::Bounded, UploadFormat::R8) => {
                 codes::<u8>(record, payload, samples.len(), scratch)?.to_vec()
             }
-            (Coding::Bounded, _) => le_bytes(codes::<u16>(record, payload, samples.len(), scratch)?),
+            (Coding::Bounded, _) => {
+                le_bytes(codes::<u16>(record, payload, samples.len(), scratch)?)
+            }
             _ => {
                 self.decode(record, payload, scratch, samples)?;
                 return self.upload_samples(record, scratch, samples);

@@ -220,9 +220,9 @@ mod tests {
 
     fn assert_every_filter_is_undone<W: Word>(words: &[W]) {
         let used = words.iter().map(|w| {
-            (0..size_of::<W>()).rfind(|&i| w.byte(i) > 0).map_or(0, |i| {
-                8 * i as u8 + (8 - w.byte(i).leading_zeros() as u8)
-            })
+            (0..size_of::<W>())
+                .rfind(|&i| w.byte(i) > 0)
+                .map_or(0, |i| 8 * i as u8 + (8 - w.byte(i).leading_zeros() as u8))
         });
         let bits = used.max().unwrap_or(0).max(1);
         let (mut buffer, mut bytes) = (Vec::new(), Vec::new());

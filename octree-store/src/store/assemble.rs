@@ -65,11 +65,13 @@ impl Store {
             for y in [-1, 0, 1] {
                 for x in [-1, 0, 1] {
                     let step = [x, y, z];
-                    let needed = (step != [0; 3] || edge) && (0..3).all(|axis| runs[axis].iter().any(|run| run.step == step[axis]));
+                    let needed = (step != [0; 3] || edge)
+                        && (0..3).all(|axis| runs[axis].iter().any(|run| run.step == step[axis]));
                     if needed {
                         let xyz = record.key.brick_xyz();
                         let at = |axis: usize| (xyz[axis] as i64 + step[axis]) as u64;
-                        neighbours.push((NodeKey::new(record.key.level(), [at(0), at(1), at(2)]), step));
+                        neighbours
+                            .push((NodeKey::new(record.key.level(), [at(0), at(1), at(2)]), step));
                     }
                 }
             }

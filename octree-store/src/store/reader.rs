@@ -358,7 +358,8 @@ impl Store {
         scratch: &mut BrickScratch,
     ) -> Result<Upload, StoreError> {
         let constant = |offset| {
-            let map = ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
+            let map =
+                ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
             Upload { bytes: vec![0; self.geometry.brick_samples()], map }
         };
         match record.state {

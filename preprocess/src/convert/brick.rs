@@ -70,7 +70,8 @@ impl<T: Sample> Visitor<T> for BrickEncoder<'_> {
             range = finite_range(samples);
         }
         let before = payloads.len();
-        let mut record = encode_brick(key, samples, self.format, range, core.rows(), scratch, payloads);
+        let mut record =
+            encode_brick(key, samples, self.format, range, core.rows(), scratch, payloads);
         if self.rules.drops(samples) {
             payloads.truncate(before);
             record.state = BrickState::Empty;

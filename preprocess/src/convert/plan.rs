@@ -8,7 +8,8 @@ use crate::source::Source;
 use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
 use crate::window::{Slots, Window, WindowPlace};
 use octree_store::{
-    Effort, Encoding, Geometry, NodeRecord, OverlapAtRest, SampleType, StoreWriter, with_sample_type,
+    Effort, Encoding, Geometry, NodeRecord, OverlapAtRest, SampleType, StoreWriter,
+    with_sample_type,
 };
 use serde::Serialize;
 use std::path::{Path, PathBuf};

@@ -37,7 +37,10 @@ fn assert_within<T: Sample>(voxels: &[T], store: &Store, error: f64) {
                 (origin[axis] + at[axis] as i64).clamp(0, dims[axis] as i64 - 1) as u64
             });
             let v = levels[usize::from(key.level())][index(dims, voxel)];
-            assert!((read.to_f64() - v.to_f64()).abs() <= error, "{key} {at:?}: {v} reads as {read}");
+            assert!(
+                (read.to_f64() - v.to_f64()).abs() <= error,
+                "{key} {at:?}: {v} reads as {read}"
+            );
             let range = record.brick_min..=record.brick_max;
             assert!(range.contains(&read.to_f64()), "{key} {at:?}: {read} leaves its range");
         }
@@ -90,7 +93,9 @@ fn every_encoding_keeps_its_word_in_every_type_wherever_the_overlap_is() {
         }
         for effort in [Effort::Fast, Effort::Small] {
             for (encoding, error) in [
-                (Encoding::Lossless, Some(0.0)), (Encoding::Quantised8, None), (bound(50.0), Some(50.0)),
+                (Encoding::Lossless, Some(0.0)),
+                (Encoding::Quantised8, None),
+                (bound(50.0), Some(50.0)),
             ] {
                 assert_keeps_its_word::<u16>(&how(encoding, effort, overlap), error);
             }
@@ -122,9 +127,11 @@ fn assembled_overlap_of_any_width_is_the_stored_one_where_nothing_is_lost() {
 
 #[test]
 fn not_a_number_in_a_neighbour_stays_where_it_is_kept() {
-    let voxels = voxels(DIMS, |[x, y, z]| if (x + y + z) % 7 == 0 { f32::NAN } else { (x * y) as f32 });
+    let voxels =
+        voxels(DIMS, |[x, y, z]| if (x + y + z) % 7 == 0 { f32::NAN } else { (x * y) as f32 });
     let read = |overlap| {
-        let made = converted(DIMS, voxels.clone(), &how(Encoding::Lossless, Effort::Small, overlap));
+        let made =
+            converted(DIMS, voxels.clone(), &how(Encoding::Lossless, Effort::Small, overlap));
         let (_, samples) = made.store.read_brick_samples(NodeKey::new(0, [1, 1, 1])).unwrap();
         samples.to_le_bytes()
     };
@@ -147,7 +154,9 @@ fn damage_in_a_neighbour_fails_the_overlap_with_its_key_and_no_core_but_its_own(
     let mut scratch = BrickScratch::default();
     let failed = store.read_brick(good, &mut scratch, &mut brick).unwrap_err();
     let damage = Damage::PayloadChecksum;
-    assert!(matches!(failed, StoreError::Damaged { key, damage: d, .. } if key == bad && d == damage));
+    assert!(
+        matches!(failed, StoreError::Damaged { key, damage: d, .. } if key == bad && d == damage)
+    );
     store.read_brick_core(good, &mut scratch, &mut brick).unwrap();
     store.read_brick(far, &mut scratch, &mut brick).unwrap();
     let damaged: Vec<_> = verify::verify(&store, || true).unwrap().unwrap().damaged;

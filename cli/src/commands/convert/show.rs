@@ -20,10 +20,7 @@ pub(super) fn print_plan(plan: &ConversionPlan, output: &Path) -> io::Result<()>
     writeln!(
         out,
         "bricks       {} of {}^3 + {} overlap, {}",
-        plan.bricks,
-        plan.brick_core,
-        plan.brick_overlap,
-        plan.encoding
+        plan.bricks, plan.brick_core, plan.brick_overlap, plan.encoding
     )?;
     for level in &plan.levels {
         writeln!(
