@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
-# NRRD, MetaImage and DICOM.
+# NRRD, MetaImage and DICOM, and Chromium, in which the page of `tradeoff` is looked at.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -20,6 +20,12 @@ if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, nrrd, numpy, PIL, pydic
     imagecodecs nibabel numpy pillow pydicom pynrrd SimpleITK tifffile
 fi
 export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
+
+# A browser without a screen.
+if ! command -v "${OCTAVO_TEST_BROWSER:-chromium}" >/dev/null; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends chromium
+fi
 
 # Rust links through a C compiler.
 if ! command -v cc >/dev/null; then

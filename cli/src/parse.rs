@@ -21,6 +21,15 @@ pub(crate) fn spacing(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| format!("expected three sizes X,Y,Z above 0 and found '{text}'"))
 }
 
+/// An error bound, or another number that is not below 0.
+pub(crate) fn error_bound(text: &str) -> Result<f64, String> {
+    text.trim()
+        .parse()
+        .ok()
+        .filter(|v: &f64| v.is_finite() && *v >= 0.0)
+        .ok_or_else(|| format!("expected a number of 0 or more and found '{text}'"))
+}
+
 /// `LO,HI`: two numbers, the second above the first.
 pub(crate) fn window(text: &str) -> Result<[f64; 2], String> {
     let parsed = text
@@ -79,6 +88,8 @@ mod tests {
         assert!(region("4:4,5:6,7:9").is_err() && region("0:4,5:6").is_err());
         assert_eq!(window("-1,2.5"), Ok([-1.0, 2.5]));
         assert!(window("2,1").is_err() && window("nan,1").is_err());
+        assert_eq!(error_bound(" 2.5"), Ok(2.5));
+        assert!(["-1", "nan", "inf", "", "x"].iter().all(|bad| error_bound(bad).is_err()));
         assert!(spacing("0,1,1").is_err() && spacing("1,1,inf").is_err());
     }
 }

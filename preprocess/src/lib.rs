@@ -3,7 +3,8 @@
 //!
 //! [`Source`] opens a volume; [`convert`] makes a store of it; [`verify_against`] and
 //! [`compare`](compare::compare) measure what was lost; [`Volume`] reads stores and sources alike,
-//! slice by slice, in bounded memory, which is how [`export`] writes them out again.
+//! slice by slice, in bounded memory, which is how [`export`] writes them out again; [`tradeoff`] measures what
+//! each way to convert costs and gives.
 
 pub mod compare;
 mod convert;
@@ -16,6 +17,7 @@ pub mod histogram;
 pub mod memory;
 mod progress;
 pub mod source;
+pub mod tradeoff;
 mod value_stats;
 mod verify_against;
 mod volume;

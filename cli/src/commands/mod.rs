@@ -10,6 +10,7 @@ mod info;
 mod man;
 mod preview;
 mod slice;
+mod tradeoff;
 mod verify;
 
 use crate::exit::Answer;
@@ -42,6 +43,7 @@ enum Command {
     Extract(extract::Extract),
     Brick(brick::Brick),
     Compare(compare::Compare),
+    Tradeoff(tradeoff::Tradeoff),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -59,6 +61,7 @@ impl Octavo {
             Command::Extract(command) => command.run(),
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
+            Command::Tradeoff(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
         }

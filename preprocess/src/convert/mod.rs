@@ -125,6 +125,14 @@ impl ConvertOptions {
         Ok(ValueRules { nan_value: self.nan_value, empty_below: self.empty_below, empty_value })
     }
 
+    /// Whether the options fit a type of samples.
+    ///
+    /// # Errors
+    /// When the type cannot hold one of their values.
+    pub fn check(&self, sample_type: SampleType) -> Result<(), PreprocessError> {
+        self.value_rules(sample_type).map(drop)
+    }
+
     fn brick_format(&self) -> BrickFormat {
         let cut_overlap =
             (self.overlap_at_rest == OverlapAtRest::Assembled).then_some(self.brick_overlap);

@@ -1,15 +1,17 @@
 //! The errors that a store reports are the errors that it has, and within their bounds.
 
-use crate::support::{converted, index, keys, pyramid, pyramid_of, scan, small_bricks};
+use crate::support::{converted, index, keys, pyramid, pyramid_of, scan, small_bricks, voxels};
 use octree_store::{
-    BrickScratch, DownsampleFilter, Encoding, Sample, SampleType, with_sample_type,
+    BrickScratch, DownsampleFilter, Encoding, OverlapAtRest, Region, Sample, SampleType,
+    with_sample_type,
 };
+use preprocess::tradeoff::read_levels;
 use preprocess::export::{ExportFormat, export};
 use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, Volume, verify_against};
 
 /// Measures every brick of every level naively: bound, RMS and AMAX.
-fn assert_errors<T: Sample>(dims: [u64; 3]) {
-    let made = converted(dims, scan::<T>(dims, 7), &small_bricks(Encoding::Quantised8));
+fn assert_errors<T: Sample>(dims: [u64; 3], options: &ConvertOptions) {
+    let made = converted(dims, scan::<T>(dims, 7), options);
     let geometry = made.store.geometry();
     let levels = pyramid(dims, &made.voxels, geometry.top_level() + 1);
     let mut brick = vec![T::default(); geometry.brick_samples()];
@@ -23,7 +25,11 @@ fn assert_errors<T: Sample>(dims: [u64; 3]) {
         let origin = geometry.sample_origin(key);
         let range = record.brick_max - record.brick_min;
         let scale = record.brick_min.abs().max(record.brick_max.abs()).max(range);
-        let bound = range / 510.0 + 2.0 * epsilon * scale + rounded;
+        let bound = match options.encoding {
+            Encoding::Lossless => 0.0,
+            Encoding::MaxError(error) => error.get(),
+            Encoding::Quantised8 => range / 510.0 + 2.0 * epsilon * scale + rounded,
+        };
         let (mut voxels, mut squares, mut amax) = (0, 0.0, 0.0_f64);
         let region = geometry.core_region(key);
         for z in region.min[2]..region.max[2] {
@@ -56,7 +62,55 @@ fn assert_errors<T: Sample>(dims: [u64; 3]) {
 #[test]
 fn every_voxel_of_every_type_lies_within_the_bound_and_the_report_is_true() {
     for sample_type in SampleType::ALL {
-        with_sample_type!(sample_type, T => assert_errors::<T>([21, 34, 13]));
+        for error in [None, Some(0.0), Some(0.4), Some(3.0), Some(250.0)] {
+            let encoding = error.map_or(Some(Encoding::Quantised8), Encoding::max_error).unwrap();
+            for overlap_at_rest in [OverlapAtRest::Stored, OverlapAtRest::Assembled] {
+                let options = ConvertOptions { overlap_at_rest, ..small_bricks(encoding) };
+                with_sample_type!(sample_type, T => assert_errors::<T>([21, 34, 13], &options));
+            }
+        }
+    }
+}
+
+#[test]
+fn bounds_of_levels_hold_for_what_a_reader_gets_and_are_not_much_too_wide() {
+    let dims = [50, 41, 70];
+    for downsample in DownsampleFilter::ALL {
+        let encodings = [Encoding::Lossless, Encoding::Quantised8];
+        for encoding in encodings.into_iter().chain(Encoding::max_error(900.0)) {
+            for empty_below in [None, Some(12_000.0)] {
+                let options = ConvertOptions { downsample, empty_below, ..small_bricks(encoding) };
+                let made = converted(dims, scan::<u16>(dims, 6), &options);
+                let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
+                let levels = read_levels(made.store.path(), &source, &NoProgress).unwrap();
+                assert_eq!(levels.len(), 5);
+                for level in &levels {
+                    let k = u32::from(level.level);
+                    // By definition: every level-0 voxel against the cell that holds it.
+                    let cells = made
+                        .store
+                        .read_region::<u16>(level.level, Region::whole(level.dims_xyz))
+                        .unwrap();
+                    let (mut squares, mut amax) = (0.0, 0.0_f64);
+                    for (v, at) in made.voxels.iter().zip(voxels(dims, |at| at)) {
+                        let cell = cells[index(level.dims_xyz, at.map(|v| v >> k))];
+                        let deviation = f64::from(*v) - f64::from(cell);
+                        squares += deviation * deviation;
+                        amax = amax.max(deviation.abs());
+                    }
+                    let rms = (squares / made.voxels.len() as f64).sqrt();
+                    assert!((level.deviation_rms - rms).abs() <= 1e-12 * rms, "{level:?} {rms}");
+                    assert_eq!(level.deviation_amax, amax);
+                    assert!(rms <= level.rms_bound && amax <= level.amax_bound, "{level:?}");
+                    // No bound is of use that is far too wide. Levels above those of the structure are the
+                    // worst: each step adds to the bound what it takes from the means.
+                    if encoding == Encoding::Lossless && empty_below.is_none() && k > 0 {
+                        let tight = level.rms_tightness.unwrap();
+                        assert!(tight > 0.35, "{downsample:?} {level:?}");
+                    }
+                }
+            }
+        }
     }
 }
 

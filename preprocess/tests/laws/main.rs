@@ -4,6 +4,7 @@
 
 mod encodings;
 mod errors;
+mod extremes;
 mod filters;
 mod invariance;
 mod ranges;

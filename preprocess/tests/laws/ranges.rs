@@ -1,11 +1,13 @@
 //! Ranges and emptiness: no test on a node's range may lose what lies beneath it.
 
 use crate::support::{converted, keys, scan, small_bricks, voxels};
-use octree_store::{BrickScratch, BrickState, DownsampleFilter, Encoding, NodeKey, Sample, Store};
+use octree_store::{
+    BrickScratch, BrickState, DownsampleFilter, Encoding, NodeKey, OverlapAtRest, Sample, Store,
+};
 use preprocess::ConvertOptions;
 
 /// Every sample beneath every node lies in the node's subtree range, whatever is read.
-fn assert_ranges_hold<T: Sample>(store: &Store) {
+pub(crate) fn assert_ranges_hold<T: Sample>(store: &Store) {
     let geometry = store.geometry();
     let mut brick = vec![T::default(); geometry.brick_samples()];
     for key in keys(geometry) {
@@ -33,17 +35,25 @@ fn assert_ranges_hold<T: Sample>(store: &Store) {
 #[test]
 fn subtree_ranges_hold_every_sample_beneath() {
     let dims = [40, 33, 27];
-    for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+    let coarse = Encoding::max_error(700.0).unwrap();
+    for encoding in [Encoding::Quantised8, Encoding::Lossless, coarse] {
         let filters = DownsampleFilter::ALL.into_iter().map(|filter| (filter, Some(9000.0)));
         let mean = DownsampleFilter::Mean;
         for (downsample, empty_below) in filters.chain([(mean, None)]) {
-            let options = ConvertOptions { empty_below, downsample, ..small_bricks(encoding) };
-            let made = converted(dims, scan::<u16>(dims, 1), &options);
-            assert_ranges_hold::<u16>(&made.store);
-            let made = converted(dims, scan::<i16>(dims, 1), &options);
-            assert_ranges_hold::<i16>(&made.store);
-            let made = converted(dims, scan::<f32>(dims, 1), &options);
-            assert_ranges_hold::<f32>(&made.store);
+            for overlap_at_rest in [OverlapAtRest::Stored, OverlapAtRest::Assembled] {
+                let options = ConvertOptions {
+                    empty_below,
+                    downsample,
+                    overlap_at_rest,
+                    ..small_bricks(encoding)
+                };
+                let made = converted(dims, scan::<u16>(dims, 1), &options);
+                assert_ranges_hold::<u16>(&made.store);
+                let made = converted(dims, scan::<i16>(dims, 1), &options);
+                assert_ranges_hold::<i16>(&made.store);
+                let made = converted(dims, scan::<f32>(dims, 1), &options);
+                assert_ranges_hold::<f32>(&made.store);
+            }
         }
     }
 }
