@@ -95,7 +95,12 @@ fn figures_go_the_way_that_theory_says(report: &Value) {
         for pair in bounded.windows(2) {
             assert!(pair[0].0 < pair[1].0, "the ladder goes up");
             let bits = |rung: &Value| number(rung, "payload_bits_per_voxel");
-            assert!(bits(pair[1].1) < bits(pair[0].1), "{} {}", pair[0].1["name"], pair[1].1["name"]);
+            assert!(
+                bits(pair[1].1) < bits(pair[0].1),
+                "{} {}",
+                pair[0].1["name"],
+                pair[1].1["name"]
+            );
             assert!(number(pair[1].1, "rms") > number(pair[0].1, "rms"));
         }
     }
@@ -129,8 +134,9 @@ fn every_level_lies_within_its_bound_and_level_0_is_what_the_store_says(report: 
         assert_eq!(levels[0]["deviation_amax"], rung["amax"]);
         for level in levels {
             for measure in ["rms", "amax"] {
-                let [measured, bound] = [format!("deviation_{measure}"), format!("{measure}_bound")]
-                    .map(|key| number(level, &key));
+                let [measured, bound] =
+                    [format!("deviation_{measure}"), format!("{measure}_bound")]
+                        .map(|key| number(level, &key));
                 assert!(measured <= bound, "{}: {level}", rung["name"]);
                 let tightness = level[format!("{measure}_tightness")].as_f64();
                 assert_eq!(tightness, (bound > 0.0).then(|| measured / bound));
@@ -180,8 +186,12 @@ fn a_sample_is_said_to_be_one_and_options_are_kept() {
          --max-error 3,100 --empty-below 2500 --wish-error 0.5 --wish-bits 0.001",
     );
     let report = said.json();
-    let dims: Vec<u64> =
-        report["sample"]["dims_xyz"].as_array().unwrap().iter().map(|n| n.as_u64().unwrap()).collect();
+    let dims: Vec<u64> = report["sample"]["dims_xyz"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|n| n.as_u64().unwrap())
+        .collect();
     assert!(dims.iter().product::<u64>() <= 5000, "{dims:?}");
     let fraction = dims.iter().product::<u64>() as f64 / (40.0 * 33.0 * 20.0);
     assert!((number(&report["sample"], "fraction") - fraction).abs() < 1e-12);
@@ -194,7 +204,11 @@ fn a_sample_is_said_to_be_one_and_options_are_kept() {
     assert_eq!(report["wishes"][1]["limit"], "given");
     let command = report["wishes"][0]["command"].as_str().unwrap();
     assert!(command.contains("--brick 8 --overlap 1"), "{command}");
-    assert_eq!(report, serde_json::from_slice::<Value>(&std::fs::read(bench.path("t/report.json")).unwrap()).unwrap());
+    assert_eq!(
+        report,
+        serde_json::from_slice::<Value>(&std::fs::read(bench.path("t/report.json")).unwrap())
+            .unwrap()
+    );
     assert_eq!(names(&bench.path("t")), ["report.html", "report.json"]);
 }
 
@@ -276,13 +290,19 @@ fn chromium(arguments: &[&str]) -> Said {
     let profile = tempfile_folder("chromium-profile");
     let mut command = Command::new(&program);
     command
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run"])
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--no-first-run",
+        ])
         .arg(format!("--user-data-dir={}", profile.display()))
         .args(arguments);
     let output = command.output();
     std::fs::remove_dir_all(&profile).ok();
-    let output = output
-        .unwrap_or_else(|error| panic!("{program} (bash tests/run.sh installs it): {error}"));
+    let output =
+        output.unwrap_or_else(|error| panic!("{program} (bash tests/run.sh installs it): {error}"));
     Said::of(&output)
 }
 
@@ -315,7 +335,8 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         boxes:[...document.querySelectorAll('svg')].map(s=>{const b=s.getBoundingClientRect();\
         return [b.left,b.top,b.right,b.bottom]})})</script></body>";
     let told = bench.write("told.html", page.replace("</body>", script).as_bytes());
-    for (name, width, dark) in [("wide", 1400, false), ("narrow", 500, false), ("dark", 1400, true)] {
+    for (name, width, dark) in [("wide", 1400, false), ("narrow", 500, false), ("dark", 1400, true)]
+    {
         let window = format!("--window-size={width},900");
         let mode = format!("--blink-settings=preferredColorScheme={}", u8::from(!dark));
         let url = format!("file://{}", told.display());
@@ -347,7 +368,10 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
                 pixel.iter().zip(paper).any(|(a, b)| a.abs_diff(b) > 40)
             });
             // At least ten marks of some 20 pixels each in colour; letters and axes beside them.
-            assert!(coloured > 200 && drawn > 2 * coloured / 3 + 1000, "{name} {plot}: {coloured} {drawn}");
+            assert!(
+                coloured > 200 && drawn > 2 * coloured / 3 + 1000,
+                "{name} {plot}: {coloured} {drawn}"
+            );
         }
     }
 }
@@ -380,6 +404,9 @@ impl Picture {
         is: impl Fn([u8; 3]) -> bool,
     ) -> usize {
         let height = self.pixels.len() / (self.width * self.channels);
-        ys.filter(|y| *y < height).flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|&(x, y)| is(self.at(x, y))).count()
+        ys.filter(|y| *y < height)
+            .flat_map(|y| xs.clone().map(move |x| (x, y)))
+            .filter(|&(x, y)| is(self.at(x, y)))
+            .count()
     }
 }

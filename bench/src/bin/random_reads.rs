@@ -4,7 +4,8 @@
 
 use clap::Parser;
 use octree_store::{
-    BrickScratch, NodeKey, OpenOptions, Region, Sample, SampleType, Store, StoreError, with_sample_type,
+    BrickScratch, NodeKey, OpenOptions, Region, Sample, SampleType, Store, StoreError,
+    with_sample_type,
 };
 use std::path::PathBuf;
 use std::time::Instant;

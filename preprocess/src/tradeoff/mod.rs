@@ -2,8 +2,8 @@
 //! is worth a look, each read back and held against the source.
 //!
 //! [`Sampled::take`] decodes the sample once into a raw file, so that what is timed afterwards is Octavo
-//! alone; [`ladder()`] says which ways there are; [`Sampled::measure`] goes one of them ([`rung`]), by level
-//! too ([`lod`]); [`wishes`] chooses.
+//! alone; [`ladder()`] says which ways there are; [`Sampled::measure`] goes one of them, and [`read_levels`]
+//! looks at its levels; [`choose`] finds the best for a wish.
 
 mod ladder;
 mod lod;

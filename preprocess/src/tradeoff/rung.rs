@@ -96,7 +96,8 @@ impl Sampled {
         let mut done: Option<Conversion> = None;
         let encode = repeat(|| {
             let started = Instant::now();
-            let made = convert(&self.source, &output, &options, &Quiet(progress)).map_err(unkept)?;
+            let made =
+                convert(&self.source, &output, &options, &Quiet(progress)).map_err(unkept)?;
             done = Some(made);
             Ok(started.elapsed().as_secs_f64())
         })?;
@@ -216,7 +217,9 @@ fn read_store<T: Sample>(
         let once = || {
             stop()?;
             let started = Instant::now();
-            pool.install(|| records.par_iter().try_fold(begin, decode).try_for_each(|r| r.map(drop)))?;
+            pool.install(|| {
+                records.par_iter().try_fold(begin, decode).try_for_each(|r| r.map(drop))
+            })?;
             Ok(started.elapsed().as_secs_f64())
         };
         once()?;

@@ -39,8 +39,11 @@ pub fn sample_region(dims_xyz: [u64; 3], voxels: u64, core: u32) -> Region {
         for axis in 0..3 {
             if scaled[axis] {
                 let length = (dims_xyz[axis] as f64 * ratio) as u64;
-                size[axis] =
-                    if length >= core { length / core * core } else { length.max(core.min(dims_xyz[axis])) };
+                size[axis] = if length >= core {
+                    length / core * core
+                } else {
+                    length.max(core.min(dims_xyz[axis]))
+                };
             }
         }
         // An axis at one brick cannot shrink: the others must.
@@ -118,6 +121,11 @@ impl Sampled {
         let fraction = region.voxels() as f64 / all;
         Ok(Self { source, region, fraction, values, otsu })
     }
+
+    /// The type of its voxels.
+    pub fn sample_type(&self) -> SampleType {
+        self.source.sample_type()
+    }
 }
 
 /// Writes a source's voxels, little-endian, and looks at their values.
@@ -128,8 +136,7 @@ fn copy<T: Sample>(
 ) -> Result<SampleValues, PreprocessError> {
     let failed = |source| PreprocessError::ScratchFile { path: path.to_owned(), source };
     let mut file = BufWriter::with_capacity(1 << 20, File::create(path).map_err(failed)?);
-    let mut values =
-        SampleValues { value_min: None, value_max: None, nan_count: 0, inf_count: 0 };
+    let mut values = SampleValues { value_min: None, value_max: None, nan_count: 0, inf_count: 0 };
     each_slice::<T>(source, |slice| {
         if progress.should_stop() {
             return Err(PreprocessError::Cancelled);
@@ -190,14 +197,6 @@ fn each_slice<T: Sample>(
         take(&slice)?;
     }
     Ok(())
-}
-
-/// The type of a sample's voxels.
-impl Sampled {
-    /// What a reader gets.
-    pub fn sample_type(&self) -> SampleType {
-        self.source.sample_type()
-    }
 }
 
 #[cfg(test)]

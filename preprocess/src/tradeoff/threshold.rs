@@ -5,7 +5,8 @@
 /// The first bin of the upper side; `None` where fewer than two bins are filled.
 pub fn otsu(counts: &[u64]) -> Option<usize> {
     let all: f64 = counts.iter().map(|&count| count as f64).sum();
-    let moment: f64 = counts.iter().enumerate().map(|(bin, &count)| bin as f64 * count as f64).sum();
+    let moment: f64 =
+        counts.iter().enumerate().map(|(bin, &count)| bin as f64 * count as f64).sum();
     let (mut below, mut moment_below) = (0.0, 0.0);
     let mut best: Option<(f64, usize)> = None;
     for (bin, &count) in counts.iter().enumerate() {

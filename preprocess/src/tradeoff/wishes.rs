@@ -34,13 +34,12 @@ pub fn choose(wish: Wish, rungs: &[RungReading]) -> Option<usize> {
             Wish::MostAccurateUnderSize { bits_per_voxel } => (rung.file_bits_per_voxel
                 <= bits_per_voxel)
                 .then_some([rung.rms, rung.file_bits_per_voxel]),
-            Wish::FastestToReadUnderError { amax } => (rung.amax <= amax)
-                .then_some([rung.random_read_micros, rung.file_bits_per_voxel]),
+            Wish::FastestToReadUnderError { amax } => {
+                (rung.amax <= amax).then_some([rung.random_read_micros, rung.file_bits_per_voxel])
+            }
         }
     };
     let costs = rungs.iter().enumerate().filter_map(|(place, rung)| Some((cost(rung)?, place)));
-    let best = costs.min_by(|(a, _), (b, _)| {
-        a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]))
-    });
+    let best = costs.min_by(|(a, _), (b, _)| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     best.map(|(_, place)| place)
 }

@@ -5,8 +5,8 @@ use octree_store::{
     BrickScratch, DownsampleFilter, Encoding, OverlapAtRest, Region, Sample, SampleType,
     with_sample_type,
 };
-use preprocess::tradeoff::read_levels;
 use preprocess::export::{ExportFormat, export};
+use preprocess::tradeoff::read_levels;
 use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, Volume, verify_against};
 
 /// Measures every brick of every level naively: bound, RMS and AMAX.

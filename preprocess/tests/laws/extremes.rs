@@ -88,7 +88,11 @@ fn u8_bound(store: &Store) -> f64 {
 /// Values that repeat along x in blocks of a brick, so that bricks of each alone and of several exist.
 fn blocks<T: Sample>(values: &[T]) -> Vec<T> {
     voxels(DIMS, |[x, y, z]| {
-        if z < 8 { values[((x / 8 + y / 8) as usize) % values.len()] } else { values[(x + 3 * y + 5 * z) as usize % values.len()] }
+        if z < 8 {
+            values[((x / 8 + y / 8) as usize) % values.len()]
+        } else {
+            values[(x + 3 * y + 5 * z) as usize % values.len()]
+        }
     })
 }
 
@@ -158,7 +162,11 @@ fn integers_at_the_ends_of_their_types_keep_every_promise() {
     assert_promises_hold(DIMS, &blocks(&[i8::MIN, -1, 0, i8::MAX]), &[0.0, 3.0]);
     // Above 2^24 f32 has no place for every integer.
     let above = (1_u32 << 24) + 1;
-    assert_promises_hold(DIMS, &blocks(&[0, above, above + 1, u32::MAX - 1, u32::MAX]), &[0.0, 1e4]);
+    assert_promises_hold(
+        DIMS,
+        &blocks(&[0, above, above + 1, u32::MAX - 1, u32::MAX]),
+        &[0.0, 1e4],
+    );
     assert_promises_hold(DIMS, &blocks(&[above, above + 1, above + 2, above + 3]), &[0.0, 1.0]);
     assert_promises_hold(DIMS, &blocks(&[i32::MIN, -16_777_217, 0, i32::MAX]), &[0.0, 1e5]);
 }
@@ -171,8 +179,16 @@ fn floats_at_the_ends_of_their_types_keep_every_promise() {
     assert_promises_hold(DIMS, &blocks(&[-1e300_f64, 1e39, -1e39, 1e300]), &[1e290, 1e299]);
     // Denormals, and numbers of all sizes side by side.
     let least = f32::from_bits(1);
-    assert_promises_hold(DIMS, &blocks(&[0.0, least, 77.0 * least, f32::MIN_POSITIVE]), &[1e-45, 1e-40]);
-    assert_promises_hold(DIMS, &blocks(&[0.0, f64::from_bits(1), f64::from_bits(99)]), &[5e-324, 1e-322]);
+    assert_promises_hold(
+        DIMS,
+        &blocks(&[0.0, least, 77.0 * least, f32::MIN_POSITIVE]),
+        &[1e-45, 1e-40],
+    );
+    assert_promises_hold(
+        DIMS,
+        &blocks(&[0.0, f64::from_bits(1), f64::from_bits(99)]),
+        &[5e-324, 1e-322],
+    );
     assert_promises_hold(DIMS, &blocks(&[1e-30_f32, 1e30, -1e-30, -1e30]), &[1e-31, 1e20, 1e28]);
 }
 
@@ -218,8 +234,18 @@ fn a_checkerboard_is_as_far_from_its_mean_as_the_bound_says() {
         assert!(level.rms_tightness.unwrap() > 1.0 - 1e-9, "{level:?}");
         assert!(level.amax_tightness.unwrap() > 1.0 - 1e-9, "{level:?}");
     }
-    assert!(made.store.read_region::<u16>(2, Region::whole([8; 3])).unwrap().iter().all(|&v| v == 32_768));
-    assert_promises_hold(DIMS, &voxels(DIMS, |[x, y, z]| if (x + y + z) % 2 == 0 { 0 } else { u16::MAX }), &[0.0, 100.0, 40_000.0]);
+    assert!(
+        made.store
+            .read_region::<u16>(2, Region::whole([8; 3]))
+            .unwrap()
+            .iter()
+            .all(|&v| v == 32_768)
+    );
+    assert_promises_hold(
+        DIMS,
+        &voxels(DIMS, |[x, y, z]| if (x + y + z) % 2 == 0 { 0 } else { u16::MAX }),
+        &[0.0, 100.0, 40_000.0],
+    );
 }
 
 #[test]
@@ -297,7 +323,11 @@ fn one_hot_voxel_in_512_cubed_shows_at_every_level_and_in_every_range_above_it()
             let rms = (((60_000.0 - cell).powi(2) + (cube - 1.0) * cell * cell)
                 / store.geometry().voxels_beneath(home) as f64)
                 .sqrt();
-            assert!(record.lod_rms_bound >= rms * (1.0 - 1e-12), "{home}: {} {rms}", record.lod_rms_bound);
+            assert!(
+                record.lod_rms_bound >= rms * (1.0 - 1e-12),
+                "{home}: {} {rms}",
+                record.lod_rms_bound
+            );
             let read = store.read_region::<u16>(level, Region { min: at, max: at.map(|v| v + 1) });
             let kept = if level == 0 || downsample == DownsampleFilter::Max { 60_000 } else { 0 };
             assert!(read.unwrap()[0].abs_diff(kept) <= 10, "{home}");

@@ -65,18 +65,18 @@ fn summary(page: &mut String, report: &Report) -> std::fmt::Result {
         _ => "none".to_owned(),
     };
     let no_numbers = values.nan_count + values.inf_count;
-    let range = if no_numbers > 0 {
-        format!("{range}; {no_numbers} voxels are no numbers")
-    } else {
-        range
-    };
+    let range =
+        if no_numbers > 0 { format!("{range}; {no_numbers} voxels are no numbers") } else { range };
     let threshold = report.empty_below.map_or("no bricks are dropped".to_owned(), |threshold| {
         let how = if threshold.how == "given" { "given" } else { "Otsu’s, from the histogram" };
         format!("bricks below {} in the rungs named so ({how})", short(threshold.value))
     });
     page.push_str("<dl>\n");
     for (term, text) in [
-        ("Volume", format!("{}, {} voxels of {}", source.path, by(source.dims_xyz), source.sample_type)),
+        (
+            "Volume",
+            format!("{}, {} voxels of {}", source.path, by(source.dims_xyz), source.sample_type),
+        ),
         ("Measured", measured),
         ("Values", range),
         ("Bricks", format!("{}³ + {} overlap", report.brick_core, report.brick_overlap)),

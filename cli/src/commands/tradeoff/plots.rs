@@ -21,8 +21,7 @@ pub(super) const GRID: RGBColor = RGBColor(0xdd, 0xdd, 0xdc);
 const LETTER: u32 = 14;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Chart<'a, 'b> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A picture with words for those who do not see it.
 #[derive(Debug)]
@@ -51,14 +50,19 @@ pub(super) const LEGEND: [(&str, RGBColor); 4] = [
 
 /// `max-error=5 small` is long beside a point.
 fn label_of(rung: &RungReading) -> String {
-    rung.name.replace("max-error=", "E=").replace("without empty", "drop").replace("small assembled", "assembled")
+    rung.name
+        .replace("max-error=", "E=")
+        .replace("without empty", "drop")
+        .replace("small assembled", "assembled")
 }
+
+/// A figure of a rung: its name, its axis in words, and how that is divided.
+type Figure = (&'static str, &'static str, Scale, fn(&RungReading) -> Option<f64>);
 
 /// All plots, in the page's order.
 pub(super) fn all(report: &Report) -> anyhow::Result<Vec<Plot>> {
     register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
         .map_err(|_| anyhow!("the font in this program is damaged"))?;
-    type Figure = (&'static str, &'static str, Scale, fn(&RungReading) -> Option<f64>);
     let errors: [Figure; 3] = [
         ("AMAX", "largest error (AMAX), source units", Scale::Log, |r| positive(r.amax)),
         ("RMS", "root mean square error (RMS), source units", Scale::Log, |r| positive(r.rms)),
@@ -146,13 +150,13 @@ fn picture(
         draw(&area)?;
         area.present().map_err(|error| anyhow!("drawing failed: {error}"))?;
     }
-    let id: String = title.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let id: String =
+        title.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let (open, rest) = svg
         .split_once('>')
         .ok_or_else(|| anyhow!("drawing failed: the picture has no beginning"))?;
     // The page scales the picture: its size is in the view box.
-    let open = open
-        .replace(&format!("width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1), "");
+    let open = open.replace(&format!("width=\"{}\" height=\"{}\" ", SIZE.0, SIZE.1), "");
     let svg = format!(
         "{open} role=\"img\" aria-labelledby=\"t-{id} d-{id}\"><title id=\"t-{id}\">{}</title>\
          <desc id=\"d-{id}\">{}</desc>{rest}",
@@ -180,10 +184,8 @@ fn scatter(
     let description = format!("{} and {} of each way: {}.", x.0, y.0, described.join("; "));
     picture(title, &description, |area| {
         let mut chart = frame(area, &axes, [x.0, y.0])?;
-        let places: Vec<_> = points
-            .iter()
-            .map(|point| (axes[0].at(point.at[0]), axes[1].at(point.at[1])))
-            .collect();
+        let places: Vec<_> =
+            points.iter().map(|point| (axes[0].at(point.at[0]), axes[1].at(point.at[1]))).collect();
         let pixels: Vec<_> = places.iter().map(|place| chart.backend_coord(place)).collect();
         for (point, place) in points.iter().zip(&places) {
             mark(&mut chart, *place, point.shape, point.colour)?;
@@ -235,9 +237,7 @@ fn frame<'a, 'b>(
     }
     let corner = vec![(x.low, y.high), (x.low, y.low), (x.high, y.low)];
     line(&mut chart, corner, INK).map_err(failed)?;
-    let style = |h, v| {
-        ("sans-serif", LETTER).into_font().color(&INK).pos(Pos::new(h, v))
-    };
+    let style = |h, v| ("sans-serif", LETTER).into_font().color(&INK).pos(Pos::new(h, v));
     for (at, mark) in &x.marks {
         let (px, py) = chart.backend_coord(&(*at, y.low));
         let text = Text::new(mark.clone(), (px, py + 6), style(HPos::Center, VPos::Top));
@@ -309,8 +309,7 @@ fn write_labels(
     let mut taken: Vec<Box4> =
         labels.iter().map(|(_, (x, y), _)| [x - 6, y - 6, x + 6, y + 6]).collect();
     for (text, (x, y), colour) in labels {
-        let (width, height) =
-            area.estimate_text_size(text, &style).map_err(failed)?;
+        let (width, height) = area.estimate_text_size(text, &style).map_err(failed)?;
         let (width, height) = (width as i32 + 2, height as i32);
         let mut best: Option<(i32, Box4)> = None;
         for distance in [9, 18, 30, 44, 60, 78] {
@@ -389,7 +388,8 @@ fn by_level(
             format!("{}: {}", label_of(rung), levels.join(", "))
         })
         .collect();
-    let description = format!("Measured, and the bound that the store states. {}.", described.join("; "));
+    let description =
+        format!("Measured, and the bound that the store states. {}.", described.join("; "));
     picture(&title, &description, |area| {
         let failed = |error| anyhow!("drawing failed: {error}");
         let axes = [x, y];
@@ -404,9 +404,7 @@ fn by_level(
             let line = |pick: fn((f64, f64)) -> f64| -> Vec<(f64, f64)> {
                 rung.levels
                     .iter()
-                    .map(|level| {
-                        (f64::from(level.level), axes[1].at(positive(pick(of(level)))))
-                    })
+                    .map(|level| (f64::from(level.level), axes[1].at(positive(pick(of(level))))))
                     .collect()
             };
             let (measured, bound) = (line(|pair| pair.0), line(|pair| pair.1));

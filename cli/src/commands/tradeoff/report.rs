@@ -107,12 +107,10 @@ impl Report {
     pub(super) fn new(measured: Measured<'_>) -> Self {
         let Measured { description, sampled, threshold, how, rungs, convert, .. } = measured;
         let sample_type = sampled.sample_type();
-        let error = measured
-            .wish_error
-            .unwrap_or_else(|| Limit::default(sampled.values.range() / 256.0));
-        let bits = measured
-            .wish_bits
-            .unwrap_or_else(|| Limit::default(4.0 * sample_type.bytes() as f64));
+        let error =
+            measured.wish_error.unwrap_or_else(|| Limit::default(sampled.values.range() / 256.0));
+        let bits =
+            measured.wish_bits.unwrap_or_else(|| Limit::default(4.0 * sample_type.bytes() as f64));
         let wishes = [
             (Wish::SmallestUnderError { amax: error.value }, error),
             (Wish::MostAccurateUnderSize { bits_per_voxel: bits.value }, bits),
