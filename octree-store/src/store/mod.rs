@@ -8,6 +8,7 @@
 mod committer;
 mod guard;
 mod index_backend;
+mod payload_file;
 mod reader;
 mod superblock;
 mod tables;
