@@ -58,28 +58,38 @@ pub(crate) fn gather<T: Sample>(
 }
 
 /// Fills `bricks` with the samples of all children of `parent`, one brick after the other in octant
-/// order, where they are usual bricks that lie wholly inside the volume; else it does nothing and
-/// says so. Each row is read once for the up to eight bricks that share it: half the way of
-/// [`gather`] through the source's pages.
+/// order, where there are eight usual bricks; else it does nothing and says so. Each row is read once
+/// for the up to eight bricks that share it: half the way of [`gather`] through the source's pages.
 pub(crate) fn gather_octet<T: Sample>(
     rows: &impl Rows<T>,
     geometry: &Geometry,
     parent: NodeKey,
     bricks: &mut [T],
 ) -> bool {
-    let first = geometry.sample_origin(parent.children()[0]);
-    let dims = geometry.dims_at(parent.level() - 1);
-    let inside = |axis: usize| first[axis] >= 0 && first[axis] as u64 + PAIR as u64 <= dims[axis];
+    let [child, .., last_child] = parent.children();
     let usual = geometry.brick_side() == USUAL_SIDE && geometry.core() == USUAL_CORE as u32;
-    if !usual || !(0..3).all(inside) {
+    if !usual || !geometry.contains(last_child) {
         return false;
     }
-    let [x, y, z] = first.map(|v| v as u64);
+    let dims = geometry.dims_at(child.level()).map(|dim| dim as i64);
+    let origin = geometry.sample_origin(child);
+    let inside = |axis: usize, i: usize| (origin[axis] + i as i64).clamp(0, dims[axis] - 1) as u64;
+    let first = (-origin[0]).max(0) as usize;
+    let last = (dims[0] - origin[0]).min(PAIR as i64) as usize;
+    let x = inside(0, first);
     let (bricks, _) = bricks.as_chunks_mut::<USUAL_SIDE>();
     let mut row = [T::default(); PAIR];
     for dz in 0..PAIR {
         for dy in 0..PAIR {
-            rows.read_row([x, y + dy as u64, z + dz as u64], &mut row);
+            let start = [x, inside(1, dy), inside(2, dz)];
+            if (first, last) == (0, PAIR) {
+                rows.read_row(start, &mut row);
+            } else {
+                rows.read_row(start, &mut row[first..last]);
+                let (left, right) = (row[first], row[last - 1]);
+                row[..first].fill(left);
+                row[last..].fill(right);
+            }
             let [low, high]: [&[T; USUAL_SIDE]; 2] = [
                 row.first_chunk().expect("a pair is longer than a brick"),
                 row.last_chunk().expect("a pair is longer than a brick"),
@@ -171,7 +181,7 @@ mod tests {
                 assert!(gathered == brick, "{key}");
             }
         }
-        assert_eq!(at_once, 2 * 3, "1 x 2 x 3 octets touch no face of the volume");
+        assert_eq!(at_once, 2 * 3 * 4, "2 x 3 x 4 octets have all eight bricks");
     }
 
     fn assert_nearest(dims: [u64; 3], core: u32, overlap: u32, level: u8) {
