@@ -1,5 +1,6 @@
 //! From voxels to a brick's samples: core and overlap, the edge repeated outside the volume.
 
+use crate::level_window::LevelWindow;
 use crate::source::MappedVoxels;
 use crate::window::Window;
 use octree_store::{Geometry, NodeKey, Sample};
@@ -22,6 +23,13 @@ impl<T: Sample> Rows<T> for Window<T> {
     fn read_row(&self, [x, y, z]: [u64; 3], out: &mut [T]) {
         let row = self.row(y, z);
         out.copy_from_slice(&row[x as usize..x as usize + out.len()]);
+    }
+}
+
+impl<T: Sample> Rows<T> for LevelWindow {
+    #[inline(always)]
+    fn read_row(&self, xyz: [u64; 3], out: &mut [T]) {
+        LevelWindow::read_row(self, xyz, out);
     }
 }
 
@@ -78,18 +86,27 @@ pub(crate) fn gather_octet<T: Sample>(
     let last = (dims[0] - origin[0]).min(PAIR as i64) as usize;
     let x = inside(0, first);
     let (bricks, _) = bricks.as_chunks_mut::<USUAL_SIDE>();
+    if (first, last) == (0, PAIR) {
+        // Rows of a length that the compiler knows, in a loop of their own.
+        spread(bricks, |dy, dz, row| rows.read_row([x, inside(1, dy), inside(2, dz)], row));
+    } else {
+        spread(bricks, |dy, dz, row| {
+            rows.read_row([x, inside(1, dy), inside(2, dz)], &mut row[first..last]);
+            let (left, right) = (row[first], row[last - 1]);
+            row[..first].fill(left);
+            row[last..].fill(right);
+        });
+    }
+    true
+}
+
+/// Reads each row (y, z) of an octet once and copies it to the rows of all bricks that share it.
+#[inline(always)]
+fn spread<T: Sample>(bricks: &mut [[T; USUAL_SIDE]], read: impl Fn(usize, usize, &mut [T; PAIR])) {
     let mut row = [T::default(); PAIR];
     for dz in 0..PAIR {
         for dy in 0..PAIR {
-            let start = [x, inside(1, dy), inside(2, dz)];
-            if (first, last) == (0, PAIR) {
-                rows.read_row(start, &mut row);
-            } else {
-                rows.read_row(start, &mut row[first..last]);
-                let (left, right) = (row[first], row[last - 1]);
-                row[..first].fill(left);
-                row[last..].fill(right);
-            }
+            read(dy, dz, &mut row);
             let [low, high]: [&[T; USUAL_SIDE]; 2] = [
                 row.first_chunk().expect("a pair is longer than a brick"),
                 row.last_chunk().expect("a pair is longer than a brick"),
@@ -104,7 +121,6 @@ pub(crate) fn gather_octet<T: Sample>(
             }
         }
     }
-    true
 }
 
 /// Which of two neighbouring bricks hold a sample of the pair, and where.

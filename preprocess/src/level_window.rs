@@ -155,9 +155,10 @@ impl LevelWindow {
         while !out.is_empty() {
             let block = self.layout.within([x / core, y / core, z / core]);
             let at = (block + row) as usize + (x % core) as usize * size_of::<T>();
-            let (now, later) = out.split_at_mut(out.len().min((core - x % core) as usize));
-            now.copy_from_slice(cast_slice(&self.map[at..at + size_of_val(now)]));
-            x += now.len() as u64;
+            let length = out.len().min((core - x % core) as usize);
+            let (now, later) = out.split_at_mut(length);
+            now.copy_from_slice(cast_slice(&self.map[at..at + length * size_of::<T>()]));
+            x += length as u64;
             out = later;
         }
     }

@@ -4,7 +4,6 @@ use super::{Compression, Effort};
 use crate::error::Damage;
 use crate::record::NodeRecord;
 use lz4_flex::block::{CompressTable, compress_into_with_table, get_maximum_output_size};
-use multiversion::multiversion;
 use twox_hash::XxHash3_128;
 
 /// What compression must gain to be worth the time of unpacking: 1 in 16.
@@ -81,9 +80,8 @@ impl Packer {
 /// (bench/NOTES.md).
 const ZSTD_LEVEL: i32 = 1;
 
-/// Whether LZ4 is likely to gain: it is tried on an eighth of the bytes, spread evenly, unless that
-/// shows no repetition at all. Noise fills eight bits in homogeneous bricks, and trying all of it
-/// costs more than all other steps together.
+/// Whether LZ4 is likely to gain: it is tried on an eighth of the bytes, spread evenly. Noise fills
+/// eight bits in homogeneous bricks, and trying all of it costs more than all other steps together.
 fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
     let piece = bytes.len() / PIECE_SHARE;
     if piece < 256 {
@@ -96,46 +94,7 @@ fn worth_trying(bytes: &[u8], packer: &mut Packer) -> bool {
         piece_tried.copy_from_slice(&bytes[start..start + piece]);
     }
     let tried = &tried[..PIECES * piece];
-    repetitions(tried) >= REPETITIONS
-        && packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
-}
-
-/// How far apart repetitions are looked for: runs and short periods, then further and further,
-/// at prime distances so that periods of any length are met.
-const DISTANCES: [usize; 12] = [1, 2, 3, 4, 7, 13, 29, 61, 127, 251, 509, 1021];
-
-/// Fewer repetitions are noise. Where LZ4 gains 1 in 16 of n bytes it finds hundreds of matches
-/// of at least four bytes; were they all by chance, pairs of places would be equal in four bytes with
-/// a probability of about 1 / n, and the distances would show a dozen.
-const REPETITIONS: u32 = 4;
-
-/// How many times four bytes are the same as the four at one of [`DISTANCES`] before.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
-fn repetitions(bytes: &[u8]) -> u32 {
-    const BLOCK: usize = 64;
-    let mut found = 0;
-    for distance in DISTANCES {
-        let reach = distance + BLOCK + 3;
-        for window in bytes.windows(reach.min(bytes.len())).step_by(BLOCK) {
-            let (Some(before), Some(here)) = (
-                window.first_chunk::<{ BLOCK + 3 }>(),
-                window.get(distance..).and_then(<[u8]>::first_chunk::<{ BLOCK + 3 }>),
-            ) else {
-                break;
-            };
-            let mut differ = [0_u8; BLOCK + 3];
-            for i in 0..BLOCK + 3 {
-                differ[i] = before[i] ^ here[i];
-            }
-            let mut same = 0_u8;
-            for i in 0..BLOCK {
-                let any = differ[i] | differ[i + 1] | differ[i + 2] | differ[i + 3];
-                same += u8::from(any == 0);
-            }
-            found += u32::from(same);
-        }
-    }
-    found
+    packer.lz4(tried).is_some_and(|packed| gains(packed.len(), tried.len()))
 }
 
 /// Adds a brick's bytes to `payloads`, compressed or raw where that gains nothing, and writes
@@ -260,28 +219,7 @@ mod tests {
         }
     }
 
-    /// The definition, one place at a time.
-    fn repetitions_twin(bytes: &[u8]) -> u32 {
-        let mut found = 0;
-        for distance in DISTANCES {
-            let places = bytes.len().saturating_sub(distance + 3) / 64 * 64;
-            for i in 0..places {
-                found += u32::from(bytes[i..i + 4] == bytes[i + distance..i + distance + 4]);
-            }
-        }
-        found
-    }
-
     proptest! {
-        #[test]
-        fn repetitions_are_those_of_a_plain_loop(
-            values in 1_u8..=255, length in 0_usize..9000, seed in any::<u64>(),
-        ) {
-            let at = |i: usize| (i as u64 ^ seed).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-            let bytes: Vec<u8> = (0..length).map(|i| (at(i) % u64::from(values)) as u8).collect();
-            prop_assert_eq!(repetitions(&bytes), repetitions_twin(&bytes));
-        }
-
         #[test]
         fn a_damaged_payload_is_an_error_or_other_bytes_and_never_a_panic(
             flips in proptest::collection::vec((any::<u32>(), 1_u8..=255), 1..4), cut in any::<u32>(),
