@@ -1,5 +1,6 @@
 //! From voxels to a brick's samples: core and overlap, the edge repeated outside the volume.
 
+use crate::level_window::LevelWindow;
 use crate::source::MappedVoxels;
 use crate::window::Window;
 use octree_store::{Geometry, NodeKey, Sample};
@@ -22,6 +23,13 @@ impl<T: Sample> Rows<T> for Window<T> {
     fn read_row(&self, [x, y, z]: [u64; 3], out: &mut [T]) {
         let row = self.row(y, z);
         out.copy_from_slice(&row[x as usize..x as usize + out.len()]);
+    }
+}
+
+impl<T: Sample> Rows<T> for LevelWindow {
+    #[inline(always)]
+    fn read_row(&self, xyz: [u64; 3], out: &mut [T]) {
+        LevelWindow::read_row(self, xyz, out);
     }
 }
 
@@ -58,28 +66,47 @@ pub(crate) fn gather<T: Sample>(
 }
 
 /// Fills `bricks` with the samples of all children of `parent`, one brick after the other in octant
-/// order, where they are usual bricks that lie wholly inside the volume; else it does nothing and
-/// says so. Each row is read once for the up to eight bricks that share it: half the way of
-/// [`gather`] through the source's pages.
+/// order, where there are eight usual bricks; else it does nothing and says so. Each row is read once
+/// for the up to eight bricks that share it: half the way of [`gather`] through the source's pages.
 pub(crate) fn gather_octet<T: Sample>(
     rows: &impl Rows<T>,
     geometry: &Geometry,
     parent: NodeKey,
     bricks: &mut [T],
 ) -> bool {
-    let first = geometry.sample_origin(parent.children()[0]);
-    let dims = geometry.dims_at(parent.level() - 1);
-    let inside = |axis: usize| first[axis] >= 0 && first[axis] as u64 + PAIR as u64 <= dims[axis];
+    let [child, .., last_child] = parent.children();
     let usual = geometry.brick_side() == USUAL_SIDE && geometry.core() == USUAL_CORE as u32;
-    if !usual || !(0..3).all(inside) {
+    if !usual || !geometry.contains(last_child) {
         return false;
     }
-    let [x, y, z] = first.map(|v| v as u64);
+    let dims = geometry.dims_at(child.level()).map(|dim| dim as i64);
+    let origin = geometry.sample_origin(child);
+    let inside = |axis: usize, i: usize| (origin[axis] + i as i64).clamp(0, dims[axis] - 1) as u64;
+    let first = (-origin[0]).max(0) as usize;
+    let last = (dims[0] - origin[0]).min(PAIR as i64) as usize;
+    let x = inside(0, first);
     let (bricks, _) = bricks.as_chunks_mut::<USUAL_SIDE>();
+    if (first, last) == (0, PAIR) {
+        // Rows of a length that the compiler knows, in a loop of their own.
+        spread(bricks, |dy, dz, row| rows.read_row([x, inside(1, dy), inside(2, dz)], row));
+    } else {
+        spread(bricks, |dy, dz, row| {
+            rows.read_row([x, inside(1, dy), inside(2, dz)], &mut row[first..last]);
+            let (left, right) = (row[first], row[last - 1]);
+            row[..first].fill(left);
+            row[last..].fill(right);
+        });
+    }
+    true
+}
+
+/// Reads each row (y, z) of an octet once and copies it to the rows of all bricks that share it.
+#[inline(always)]
+fn spread<T: Sample>(bricks: &mut [[T; USUAL_SIDE]], read: impl Fn(usize, usize, &mut [T; PAIR])) {
     let mut row = [T::default(); PAIR];
     for dz in 0..PAIR {
         for dy in 0..PAIR {
-            rows.read_row([x, y + dy as u64, z + dz as u64], &mut row);
+            read(dy, dz, &mut row);
             let [low, high]: [&[T; USUAL_SIDE]; 2] = [
                 row.first_chunk().expect("a pair is longer than a brick"),
                 row.last_chunk().expect("a pair is longer than a brick"),
@@ -94,7 +121,6 @@ pub(crate) fn gather_octet<T: Sample>(
             }
         }
     }
-    true
 }
 
 /// Which of two neighbouring bricks hold a sample of the pair, and where.
@@ -171,7 +197,7 @@ mod tests {
                 assert!(gathered == brick, "{key}");
             }
         }
-        assert_eq!(at_once, 2 * 3, "1 x 2 x 3 octets touch no face of the volume");
+        assert_eq!(at_once, 2 * 3 * 4, "2 x 3 x 4 octets have all eight bricks");
     }
 
     fn assert_nearest(dims: [u64; 3], core: u32, overlap: u32, level: u8) {

@@ -14,6 +14,7 @@ mod error;
 pub mod export;
 mod gather;
 pub mod histogram;
+mod level_window;
 pub mod memory;
 mod progress;
 pub mod source;

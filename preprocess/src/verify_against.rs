@@ -8,8 +8,8 @@ use crate::downsample::Core;
 use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::source::Source;
+use crate::source::map::unnamed_file;
 use crate::walk::{Buffers, Earlier, Octet, Sink, Visitor, walk};
-use crate::window::WindowPlace;
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
 use octree_store::{
@@ -17,6 +17,7 @@ use octree_store::{
     with_sample_type,
 };
 use serde::Serialize;
+use std::sync::Arc;
 
 /// What was measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -73,9 +74,8 @@ pub fn verify_against(
     };
     let plan = ConversionPlan::new(&source, store.path(), &options)?;
     // Nothing is to be resumed: unnamed scratch will do.
-    let mut walk_options = plan.walk.clone();
     let folder = options.scratch.clone().unwrap_or_else(std::env::temp_dir);
-    walk_options.window_places.fill(WindowPlace::Unnamed(folder));
+    let scratch = unnamed_file(&folder, plan.slots_bytes).map_err(PreprocessError::Scratch)?;
     let rules = ValueRules {
         nan_value: metadata.options.get("nan_value").and_then(serde_json::Value::as_f64),
         empty_below: metadata.empty_below,
@@ -89,10 +89,11 @@ pub fn verify_against(
         damaged: Vec::new(),
     };
     let pool = crate::pool(plan.threads)?;
-    let (buffers, earlier) = (Buffers::default(), Earlier::default());
+    let earlier = Earlier { octets: 0, scratch: Arc::new(scratch) };
+    let buffers = Buffers::default();
     with_sample_type!(stored, T => {
         walk::<T, _>(
-            &source, &plan.geometry, &pool, &walk_options, &against, &buffers, &earlier, &mut sums,
+            &source, &plan.geometry, &pool, &plan.walk, &against, &buffers, &earlier, &mut sums,
         )?;
     });
     let Sums { kept, dropped, mut damaged, .. } = sums;

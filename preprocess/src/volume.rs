@@ -138,8 +138,8 @@ impl Volume {
                 } else {
                     WindowPlace::Unnamed(std::env::temp_dir())
                 };
-                let mut window = Window::new([width, height, core], core, place, None);
-                let (slab, _) = window.blank().map_err(PreprocessError::Scratch)?;
+                let window = Window::new([width, height, core], core, place);
+                let slab = window.blank().map_err(PreprocessError::Scratch)?;
                 let brick = vec![T::default(); store.geometry().brick_samples()];
                 VolumeSlices::Store(Box::new(StoreSlices {
                     store,

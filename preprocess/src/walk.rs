@@ -2,7 +2,7 @@
 //!
 //! Work goes by *octets*, the up to eight bricks that share a parent, in rows of one parent in z and
 //! in Morton order within the row. The bricks' means are one brick core of the next level, which
-//! becomes a chunk of that level's [`Window`]; as soon as a window holds a row of octets and the
+//! is written to that level's [`LevelWindow`]; as soon as a window holds a row of octets and the
 //! overlap above it, that row is walked too. So all levels are walked together, with a few dozen
 //! slices of each in memory, and the order does not depend on the number of threads.
 //!
@@ -13,8 +13,9 @@ use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
 use crate::gather::{Rows, gather, gather_octet};
+use crate::level_window::{ChunkWriter, Layout, LevelWindow};
 use crate::source::Source;
-use crate::window::{Chunk, Window, WindowPlace};
+use crate::window::{Window, WindowPlace};
 use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
 use std::collections::BTreeMap;
@@ -59,7 +60,7 @@ pub(crate) struct Octet<O> {
     pub(crate) bricks: Vec<Visited<O>>,
     /// The bricks' payloads, one after the other.
     pub(crate) payloads: Vec<u8>,
-    /// XXH3-64 of the parent's core as it went into its window; 0 without a window's slots.
+    /// XXH3-64 of the parent's block as it went into its window; 0 where it has none.
     pub(crate) block_checksum: u64,
 }
 
@@ -80,8 +81,8 @@ pub(crate) struct WalkOptions {
     pub(crate) octets_ahead: usize,
     /// How a level is made of the one below it.
     pub(crate) downsample: DownsampleFilter,
-    /// For each level above 0, where its window lives.
-    pub(crate) window_places: Vec<WindowPlace>,
+    /// For each level above 0, where its window lies in the scratch file.
+    pub(crate) layouts: Vec<Layout>,
     /// For a source that must be decoded, where the window of level 0 lives.
     pub(crate) stream_place: WindowPlace,
     /// Slices in a chunk of that window.
@@ -91,12 +92,12 @@ pub(crate) struct WalkOptions {
 }
 
 /// What an earlier walk has left.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Earlier {
     /// Octets that are done.
     pub(crate) octets: u64,
-    /// The file of the windows' slots.
-    pub(crate) scratch: Option<Arc<File>>,
+    /// The file of the windows' slots, all of whose blocks are taken.
+    pub(crate) scratch: Arc<File>,
 }
 
 /// Payload buffers on their way back from the writer: none is allocated anew in the long run.
@@ -147,29 +148,16 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
     earlier: &Earlier,
     sink: &mut dyn Sink<V::Output>,
 ) -> Result<(), PreprocessError> {
-    let levels = geometry.levels().skip(1).zip(&options.window_places);
-    let mut levels: Vec<_> = levels
-        .map(|(level, place)| {
-            let chunk = u64::from(geometry.core());
-            let (dims, scratch) = (geometry.dims_at(level), earlier.scratch.clone());
-            LevelState { window: Window::new(dims, chunk, place.clone(), scratch), next_row: 0 }
-        })
-        .collect();
+    let levels = geometry.levels().skip(1).zip(&options.layouts);
+    let levels = levels.map(|(level, layout)| {
+        let scratch = Arc::clone(&earlier.scratch);
+        let window = LevelWindow::new(geometry, level, *layout, scratch)?;
+        Ok(LevelState { window, next_row: 0 })
+    });
+    let mut levels = levels.collect::<Result<Vec<_>, _>>().map_err(PreprocessError::Scratch)?;
     let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
     let WalkOptions { octets_ahead, downsample, .. } = *options;
-    let blocks = Buffers(Mutex::default());
-    let checksums = earlier.scratch.is_some();
-    let walker = Walker {
-        geometry,
-        pool,
-        visitor,
-        octets_ahead,
-        downsample,
-        payloads,
-        blocks,
-        scratches,
-        checksums,
-    };
+    let walker = Walker { geometry, pool, visitor, octets_ahead, downsample, payloads, scratches };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
@@ -179,7 +167,7 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         return Ok(());
     }
     let (place, chunk) = (options.stream_place.clone(), options.stream_chunk);
-    let mut window = Window::new(geometry.dims_xyz(), chunk, place, None);
+    let mut window = Window::new(geometry.dims_xyz(), chunk, place);
     // Rows that are done need no voxels.
     let mut first_row = 0;
     while first_row < walker.octet_rows(0)
@@ -195,7 +183,7 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
     let decoder = Decoder { source, pool, chunk, first_chunk: first_slice / chunk };
     window.begin_at(decoder.first_chunk);
     let chunks = stream_window_chunks(geometry, chunk) + options.stream_chunks_ahead;
-    let blanks = (0..chunks).map(|_| Ok(window.blank()?.0)).collect::<Result<_, _>>();
+    let blanks = (0..chunks).map(|_| window.blank()).collect::<Result<_, _>>();
     decoder.run(blanks.map_err(PreprocessError::Scratch)?, |full, blanks| {
         for row in first_row..walker.octet_rows(0) {
             while window.slices() < walker.slices_needed(0, row) {
@@ -204,7 +192,7 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
                 window.push(chunk);
             }
             walker.walk_row(&window, 0, row, &mut levels, &mut course)?;
-            window.drop_before(walker.slices_done(row), course.done);
+            window.drop_before(walker.slices_done(row));
             while let Some(blank) = window.take_spare() {
                 // A decoder that is done needs no more.
                 if blanks.send(blank).is_err() {
@@ -217,8 +205,8 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
 }
 
 /// A level above 0: its window, and the first row of octets that has not been walked.
-struct LevelState<T> {
-    window: Window<T>,
+struct LevelState {
+    window: LevelWindow,
     next_row: u64,
 }
 
@@ -238,11 +226,8 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     octets_ahead: usize,
     downsample: DownsampleFilter,
     payloads: &'a Buffers<u8>,
-    /// Parents' cores, to be used again.
-    blocks: Buffers<T>,
     /// One for each thread of the pool.
     scratches: Vec<Mutex<ThreadScratch<T, V::Scratch>>>,
-    checksums: bool,
 }
 
 /// What a thread keeps from brick to brick.
@@ -250,20 +235,19 @@ struct ThreadScratch<T, S> {
     /// The bricks of an octet.
     bricks: Vec<T>,
     coarse: Vec<T>,
+    /// The parent's core.
+    block: Vec<T>,
     visitor: S,
 }
 
 impl<T, S: Default> Default for ThreadScratch<T, S> {
     fn default() -> Self {
-        Self { bricks: Vec::new(), coarse: Vec::new(), visitor: S::default() }
+        Self { bricks: Vec::new(), coarse: Vec::new(), block: Vec::new(), visitor: S::default() }
     }
 }
 
 /// A brick's thread panicked: a bug.
 const PANIC: PreprocessError = PreprocessError::Panic { thread: "brick" };
-
-/// A visited octet, and its parent's in-volume core, x fastest, which is empty at the top level.
-type Made<T, O> = (Octet<O>, Vec<T>);
 
 impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
     fn octet_rows(&self, level: u8) -> u64 {
@@ -294,18 +278,18 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         rows: &impl Rows<T>,
         level: u8,
         row: u64,
-        above: &mut [LevelState<T>],
+        above: &mut [LevelState],
         course: &mut Course<'_, V::Output>,
     ) -> Result<(), PreprocessError> {
         let Some((next, above)) = above.split_first_mut() else {
             return self.walk_octets(rows, level, row, None, course);
         };
-        let (mut chunk, freed_at) = next.window.blank().map_err(PreprocessError::Scratch)?;
+        let (chunk, freed_at) = next.window.begin().map_err(PreprocessError::Scratch)?;
         if let Some(octets) = freed_at.filter(|octets| *octets > course.skip) {
             course.sink.wait_until_durable(octets)?;
         }
-        self.walk_octets(rows, level, row, Some(&mut chunk), course)?;
-        next.window.push(chunk);
+        self.walk_octets(rows, level, row, Some(&chunk), course)?;
+        next.window.end();
         while next.next_row < self.octet_rows(level + 1)
             && next.window.slices() >= self.slices_needed(level + 1, next.next_row)
         {
@@ -323,7 +307,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         rows: &impl Rows<T>,
         level: u8,
         row: u64,
-        mut chunk: Option<&mut Chunk<T>>,
+        chunk: Option<&ChunkWriter>,
         course: &mut Course<'_, V::Output>,
     ) -> Result<(), PreprocessError> {
         let [columns, lines, _] = self.geometry.grid_at(level).map(|n| n.div_ceil(2));
@@ -334,33 +318,28 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         let skipped = course.skip.saturating_sub(course.done).min(parents.len() as u64);
         course.done += skipped;
         let parents = &parents[skipped as usize..];
-        let coarsen = chunk.is_some();
         let (sender, made) = sync_channel(self.octets_ahead);
         self.pool.in_place_scope_fifo(|scope| {
             let mut begun = 0;
             let mut early = BTreeMap::new();
-            for (index, &parent) in parents.iter().enumerate() {
+            for index in 0..parents.len() {
                 for (at, &parent) in
                     (begun..).zip(&parents[begun..]).take(index + self.octets_ahead - begun)
                 {
                     let sender = sender.clone();
                     scope.spawn_fifo(move |_| {
                         // There is room for it; one who no longer listens has failed already.
-                        let _ = sender.send((at, self.visit(rows, parent, coarsen)));
+                        let _ = sender.send((at, self.visit(rows, parent, chunk)));
                     });
                     begun += 1;
                 }
-                let (octet, block): Made<T, V::Output> = loop {
+                let octet = loop {
                     if let Some(next) = early.remove(&index) {
                         break next;
                     }
                     let (at, next) = made.recv().map_err(|_| PANIC)?;
                     early.insert(at, next?);
                 };
-                if let Some(chunk) = &mut chunk {
-                    place_block(self.geometry, parent, &block, chunk.samples_mut());
-                }
-                self.blocks.give(block);
                 course.done += 1;
                 course.sink.take(octet)?;
             }
@@ -373,33 +352,28 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         &self,
         rows: &impl Rows<T>,
         parent: NodeKey,
-        coarsen: bool,
-    ) -> Result<Made<T, V::Output>, PreprocessError> {
+        chunk: Option<&ChunkWriter>,
+    ) -> Result<Octet<V::Output>, PreprocessError> {
         let thread = rayon::current_thread_index().unwrap_or(0);
         let visit = || {
             let mut scratch = self.scratches[thread].lock().unwrap_or_else(PoisonError::into_inner);
-            self.visit_octet(rows, parent, coarsen, &mut scratch)
+            self.visit_octet(rows, parent, chunk, &mut scratch)
         };
         panic::catch_unwind(AssertUnwindSafe(visit)).unwrap_or(Err(PANIC))
     }
 
-    /// Visits the children of `parent`; with `coarsen`, their means come too.
+    /// Visits the children of `parent`; their means go into its chunk, if it has one.
     fn visit_octet(
         &self,
         rows: &impl Rows<T>,
         parent: NodeKey,
-        coarsen: bool,
+        chunk: Option<&ChunkWriter>,
         scratch: &mut ThreadScratch<T, V::Scratch>,
-    ) -> Result<Made<T, V::Output>, PreprocessError> {
+    ) -> Result<Octet<V::Output>, PreprocessError> {
         let geometry = self.geometry;
-        let [bx, by, bz] = if coarsen {
-            geometry.core_region(parent).dims_xyz().map(|n| n as usize)
-        } else {
-            [0; 3]
-        };
-        let mut block = self.blocks.take();
-        block.resize(bx * by * bz, T::default());
+        let side = geometry.core() as usize;
         let samples = geometry.brick_samples();
+        scratch.block.resize(side.pow(3), T::default());
         scratch.bricks.resize(8 * samples, T::default());
         let at_once = gather_octet(rows, geometry, parent, &mut scratch.bricks);
         let mut octet = Octet {
@@ -407,9 +381,8 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
             payloads: self.payloads.take(),
             block_checksum: 0,
         };
-        let half = geometry.core() as usize / 2;
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-            let ThreadScratch { bricks, coarse, visitor } = scratch;
+            let ThreadScratch { bricks, coarse, block, visitor } = scratch;
             let brick = &mut bricks[key.octant() * samples..][..samples];
             if !at_once {
                 gather(rows, geometry, key, brick);
@@ -417,58 +390,29 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
             let core = Core::of(geometry, key);
             let output = self.visitor.visit(key, &core, brick, visitor, &mut octet.payloads)?;
             let mut step = StepDeviation::default();
-            if coarsen {
+            if chunk.is_some() {
                 downsample(self.downsample, brick, &core, coarse);
                 step = step_deviation(brick, &core, coarse, geometry, key);
                 let [cx, cy, _] = core.coarse_extent();
                 let octant = key.octant();
-                let [x, y, z] = [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * half);
+                let [x, y, z] =
+                    [octant & 1, octant >> 1 & 1, octant >> 2].map(|bit| bit * side / 2);
                 for (i, row) in coarse.chunks_exact(cx).enumerate() {
-                    let to = ((z + i / cy) * by + y + i % cy) * bx + x;
+                    let to = ((z + i / cy) * side + y + i % cy) * side + x;
                     block[to..to + cx].copy_from_slice(row);
                 }
             }
             octet.bricks.push(Visited { key, output, step });
         }
-        if self.checksums && coarsen {
-            octet.block_checksum = block_checksum(&block);
+        if let Some(chunk) = chunk {
+            octet.block_checksum = block_checksum(&scratch.block);
+            chunk.write(parent, &scratch.block).map_err(PreprocessError::Scratch)?;
         }
-        Ok((octet, block))
+        Ok(octet)
     }
 }
 
-/// The checksum of a parent's core.
+/// The checksum of a parent's block.
 pub(crate) fn block_checksum<T: Sample>(block: &[T]) -> u64 {
     XxHash3_64::oneshot(bytemuck::cast_slice(block))
-}
-
-/// Copies a parent's core into the chunk of its level that holds its slices.
-fn place_block<T: Sample>(geometry: &Geometry, parent: NodeKey, block: &[T], chunk: &mut [T]) {
-    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
-    for (row, to) in block.chunks_exact(width).zip(block_rows(geometry, parent)) {
-        chunk[to..to + width].copy_from_slice(row);
-    }
-}
-
-/// Copies a parent's core out of its chunk.
-pub(crate) fn read_block<T: Sample>(
-    geometry: &Geometry,
-    parent: NodeKey,
-    chunk: &[T],
-    block: &mut Vec<T>,
-) {
-    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
-    block.clear();
-    for from in block_rows(geometry, parent) {
-        block.extend_from_slice(&chunk[from..from + width]);
-    }
-}
-
-/// Where the rows of a parent's core begin in its chunk.
-fn block_rows(geometry: &Geometry, parent: NodeKey) -> impl Iterator<Item = usize> {
-    let region = geometry.core_region(parent);
-    let [width, height, _] = geometry.dims_at(parent.level()).map(|n| n as usize);
-    let [_, by, bz] = region.dims_xyz().map(|n| n as usize);
-    let [x, y] = [region.min[0] as usize, region.min[1] as usize];
-    (0..by * bz).map(move |i| (i / by * height + y + i % by) * width + x)
 }

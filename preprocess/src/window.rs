@@ -1,20 +1,11 @@
-//! The slices of a level that are needed now: a queue of chunks of z slices.
-//!
-//! Bricking a level in order of z needs only as many slices as two rows of bricks and their overlap.
-//! So a level above the source never exists as a whole: its slices come from the level below, are
-//! bricked, and go. That keeps scratch at a few slices a level instead of an eighth of the source.
-//!
-//! A chunk lives in memory, in an unnamed mapped file, or in a slot of the scratch file of a
-//! conversion that can be resumed: chunk c in slot c modulo their number, so that one who resumes
-//! finds it again.
+//! The slices of a decoded source or store that are needed now: a queue of chunks of z slices, in
+//! memory or in an unnamed mapped file.
 
-use crate::source::map::{ScratchMap, map_slot};
+use crate::source::map::ScratchMap;
 use octree_store::Sample;
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 /// Where a window keeps its chunks.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,29 +14,6 @@ pub(crate) enum WindowPlace {
     Memory,
     /// In unnamed files of this folder.
     Unnamed(PathBuf),
-    /// In slots of the scratch file.
-    Slots(Slots),
-}
-
-/// Slots of a scratch file, one after the other, each with room for a chunk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Slots {
-    /// Where the first one begins.
-    pub(crate) offset: u64,
-    /// How many there are.
-    pub(crate) count: u64,
-}
-
-impl Slots {
-    /// Bytes from slot to slot for chunks of so many bytes: whole pages.
-    pub(crate) fn stride(chunk_bytes: u64) -> u64 {
-        chunk_bytes.next_multiple_of(1 << 16)
-    }
-
-    /// Where the slot of a chunk begins.
-    pub(crate) fn place_of(&self, chunk: u64, chunk_bytes: u64) -> u64 {
-        self.offset + chunk % self.count * Self::stride(chunk_bytes)
-    }
 }
 
 /// Some consecutive z slices of a level, `chunk` slices at a time.
@@ -54,15 +22,11 @@ pub(crate) struct Window<T> {
     dims_xyz: [u64; 3],
     chunk: u64,
     place: WindowPlace,
-    scratch: Option<Arc<File>>,
     /// The chunks present, the first being chunk number `first`.
     chunks: VecDeque<Chunk<T>>,
     first: u64,
-    /// Chunks that are done with, to be filled again, the oldest first; each with the count of
-    /// octets after which it was let go.
-    spare: VecDeque<(Chunk<T>, u64)>,
-    /// Chunks that were ever made.
-    made: u64,
+    /// Chunks that are done with, to be filled again.
+    spare: VecDeque<Chunk<T>>,
 }
 
 /// The samples of some z slices, x fastest.
@@ -97,16 +61,10 @@ impl<T: Sample> Chunk<T> {
 }
 
 impl<T: Sample> Window<T> {
-    /// An empty window of a level of `dims_xyz` voxels, in chunks of `chunk` slices. Slots are in
-    /// `scratch`.
-    pub(crate) fn new(
-        dims_xyz: [u64; 3],
-        chunk: u64,
-        place: WindowPlace,
-        scratch: Option<Arc<File>>,
-    ) -> Self {
+    /// An empty window of `dims_xyz` voxels, in chunks of `chunk` slices.
+    pub(crate) fn new(dims_xyz: [u64; 3], chunk: u64, place: WindowPlace) -> Self {
         let (chunks, spare) = (VecDeque::new(), VecDeque::new());
-        Self { dims_xyz, chunk, place, scratch, chunks, first: 0, spare, made: 0 }
+        Self { dims_xyz, chunk, place, chunks, first: 0, spare }
     }
 
     /// Samples of a chunk: the last one may have fewer slices, but gets as much room.
@@ -119,28 +77,19 @@ impl<T: Sample> Window<T> {
         ((self.first + self.chunks.len() as u64) * self.chunk).min(self.dims_xyz[2])
     }
 
-    /// A chunk to be filled and given back to [`Window::push`], and the count of octets after which
-    /// its last content was let go, if it had any.
-    pub(crate) fn blank(&mut self) -> io::Result<(Chunk<T>, Option<u64>)> {
-        let all_made = match self.place {
-            WindowPlace::Slots(slots) => self.made == slots.count,
-            WindowPlace::Memory | WindowPlace::Unnamed(_) => !self.spare.is_empty(),
-        };
-        if all_made {
-            let (chunk, freed_at) = self.spare.pop_front().ok_or(io::ErrorKind::OutOfMemory)?;
-            return Ok((chunk, Some(freed_at)));
-        }
+    /// A new chunk, to be filled and given to [`Window::push`].
+    ///
+    /// # Errors
+    /// When scratch space cannot be had.
+    pub(crate) fn blank(&self) -> io::Result<Chunk<T>> {
         let samples = Self::chunk_samples(self.dims_xyz, self.chunk) as usize;
-        let bytes = (samples * size_of::<T>()) as u64;
-        let storage = match (&self.place, &self.scratch) {
-            (WindowPlace::Unnamed(folder), _) => Storage::Scratch(ScratchMap::new(folder, bytes)?),
-            (WindowPlace::Slots(slots), Some(file)) => {
-                Storage::Scratch(map_slot(file, slots.place_of(self.made, bytes), bytes)?)
+        let storage = match &self.place {
+            WindowPlace::Unnamed(folder) => {
+                Storage::Scratch(ScratchMap::new(folder, (samples * size_of::<T>()) as u64)?)
             }
-            _ => Storage::Memory(vec![T::default(); samples]),
+            WindowPlace::Memory => Storage::Memory(vec![T::default(); samples]),
         };
-        self.made += 1;
-        Ok((Chunk { storage, samples }, None))
+        Ok(Chunk { storage, samples })
     }
 
     /// Adds the next chunk.
@@ -150,7 +99,7 @@ impl<T: Sample> Window<T> {
 
     /// A chunk that is done with, if there is one.
     pub(crate) fn take_spare(&mut self) -> Option<Chunk<T>> {
-        self.spare.pop_front().map(|(chunk, _)| chunk)
+        self.spare.pop_front()
     }
 
     /// Begins an empty window at a later chunk than the first.
@@ -158,11 +107,11 @@ impl<T: Sample> Window<T> {
         self.first = chunk;
     }
 
-    /// Lets go of the chunks that lie wholly before slice `z`, after `octets` octets.
-    pub(crate) fn drop_before(&mut self, z: u64, octets: u64) {
+    /// Lets go of the chunks that lie wholly before slice `z`.
+    pub(crate) fn drop_before(&mut self, z: u64) {
         while (self.first + 1) * self.chunk <= z {
             let Some(chunk) = self.chunks.pop_front() else { break };
-            self.spare.push_back((chunk, octets));
+            self.spare.push_back(chunk);
             self.first += 1;
         }
     }
@@ -184,31 +133,20 @@ mod tests {
     #[test]
     fn slices_come_back_from_every_place() {
         let folder = tempfile::tempdir().unwrap();
-        let file = Arc::new(tempfile::tempfile().unwrap());
-        file.set_len(1 << 20).unwrap();
-        let slots = WindowPlace::Slots(Slots { offset: 1 << 16, count: 3 });
-        for place in [WindowPlace::Memory, WindowPlace::Unnamed(folder.path().to_owned()), slots] {
-            let in_slots = matches!(place, WindowPlace::Slots(_));
-            let mut window = Window::<u16>::new([3, 2, 9], 2, place, Some(Arc::clone(&file)));
+        for place in [WindowPlace::Memory, WindowPlace::Unnamed(folder.path().to_owned())] {
+            let mut window = Window::<u16>::new([3, 2, 9], 2, place);
             for number in 0..5 {
-                let (mut chunk, freed_at) = window.blank().unwrap();
-                if in_slots {
-                    // Chunk n is let go when chunk n + 1 has come.
-                    assert_eq!(freed_at, (number >= 3).then(|| number as u64 - 2));
-                }
+                let mut chunk = match window.take_spare() {
+                    Some(chunk) => chunk,
+                    None => window.blank().unwrap(),
+                };
                 for (i, sample) in chunk.samples_mut().iter_mut().enumerate() {
                     *sample = (number * 12 + i) as u16;
                 }
                 window.push(chunk);
-                window.drop_before(2 * number as u64, number as u64);
+                window.drop_before(2 * number as u64);
                 assert_eq!(window.slices(), (2 * number as u64 + 2).min(9));
-                let z = 2 * number as u64;
-                assert_eq!(window.row(1, z)[0], (number * 12 + 3) as u16);
-                if in_slots {
-                    let at = (1 << 16) + number as u64 % 3 * Slots::stride(24);
-                    let slot = map_slot(&file, at, 24).unwrap();
-                    assert_eq!(slot.samples::<u16>(12)[3], (number * 12 + 3) as u16);
-                }
+                assert_eq!(window.row(1, 2 * number as u64)[0], (number * 12 + 3) as u16);
             }
             assert!(window.spare.len() <= 2, "chunks are used again");
         }

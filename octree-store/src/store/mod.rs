@@ -9,6 +9,7 @@ mod assemble;
 mod committer;
 mod guard;
 mod index_backend;
+mod payload_file;
 mod reader;
 mod superblock;
 mod tables;

@@ -4,6 +4,7 @@
 use super::committer::{Commit, Committer};
 use super::guard::{Failure, guard};
 use super::index_backend::IndexBackend;
+use super::payload_file::PayloadFile;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock};
 use super::tables::{Group, ReadTables, WriteTables};
 use crate::digest::Digest;
@@ -15,7 +16,6 @@ use crate::summary::Summary;
 use redb::{Builder, Database};
 use std::fs::{File, OpenOptions};
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -33,8 +33,7 @@ const WRITER_CACHE_BYTES: usize = 8 << 20;
 pub struct StoreWriter {
     path: PathBuf,
     file: Arc<File>,
-    /// Bytes of the payload stream so far.
-    payload_bytes: u64,
+    payloads: PayloadFile,
     work_path: PathBuf,
     committer: Committer,
     /// Records that no commit has taken yet.
@@ -53,9 +52,10 @@ pub struct Committed {
 
 impl StoreWriter {
     /// Bytes of memory that a writer takes for a store of so many bricks: redb's cache, which a small
-    /// store does not fill, and the records that wait for a commit.
+    /// store does not fill, the records that wait for a commit, and payloads on their way.
     pub fn memory_bytes(bricks: u64) -> u64 {
         (2 * bricks * NodeRecord::BYTES as u64).min(WRITER_CACHE_BYTES as u64 + (4 << 20))
+            + PayloadFile::BUFFER_BYTES as u64
             + (1 << 20)
     }
 
@@ -139,6 +139,8 @@ impl StoreWriter {
         payload_bytes: u64,
     ) -> Result<Self, StoreError> {
         let file = Arc::new(file);
+        let payloads = PayloadFile::open(path, Arc::clone(&file), payload_bytes)
+            .map_err(|source| io_at(path, source))?;
         let mut files: Vec<_> = synced.into_iter().map(Arc::new).collect();
         files.push(Arc::clone(&file));
         Ok(Self {
@@ -146,7 +148,7 @@ impl StoreWriter {
             work_path: work_path.to_owned(),
             committer: Committer::start(database, files, work_path)?,
             file,
-            payload_bytes,
+            payloads,
             groups: Vec::new(),
             uncommitted_bytes: 0,
         })
@@ -181,7 +183,8 @@ impl StoreWriter {
                 && siblings.is_sorted_by_key(|record| record.key),
             "siblings share a parent and come in order"
         );
-        let mut offset = self.payload_bytes;
+        let begin = self.payloads.bytes();
+        let mut offset = begin;
         let mut records = Vec::with_capacity(siblings.len() * NodeRecord::BYTES);
         for record in siblings {
             let length = record.place.length;
@@ -192,11 +195,8 @@ impl StoreWriter {
             offset += u64::from(length);
             records.extend_from_slice(&record.to_bytes());
         }
-        assert_eq!(offset - self.payload_bytes, payloads.len() as u64, "the records' lengths");
-        self.file
-            .write_all_at(payloads, SUPERBLOCK_BYTES + self.payload_bytes)
-            .map_err(|source| io_at(&self.path, source))?;
-        self.payload_bytes = offset;
+        assert_eq!(offset - begin, payloads.len() as u64, "the records' lengths");
+        self.payloads.append(payloads).map_err(|source| io_at(&self.path, source))?;
         self.uncommitted_bytes += payloads.len() as u64;
         self.groups.push(Group { parent: parent.to_u64(), records, progress });
         Ok(())
@@ -209,7 +209,8 @@ impl StoreWriter {
     /// When this commit or an earlier one cannot be written.
     pub fn commit(&mut self, state: &[u8], mark: u64) -> Result<(), StoreError> {
         let groups = std::mem::take(&mut self.groups);
-        let state = [&self.payload_bytes.to_le_bytes(), state].concat();
+        self.payloads.flush().map_err(|source| io_at(&self.path, source))?;
+        let state = [&self.payloads.bytes().to_le_bytes(), state].concat();
         self.uncommitted_bytes = 0;
         self.committer.send(Commit { groups, state, mark })
     }
@@ -238,10 +239,12 @@ impl StoreWriter {
     /// When the file cannot be written, or the metadata describes no volume.
     pub fn finish(mut self, mut metadata: Metadata) -> Result<Metadata, StoreError> {
         let groups = std::mem::take(&mut self.groups);
+        self.payloads.flush().map_err(|source| io_at(&self.path, source))?;
         if !groups.is_empty() {
             self.committer.send(Commit { groups, state: Vec::new(), mark: 0 })?;
         }
-        let Self { path, work_path, file, payload_bytes, committer, .. } = self;
+        let Self { path, work_path, file, payloads, committer, .. } = self;
+        let payload_bytes = payloads.bytes();
         let work = committer.finish()?;
         let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
             path: path.clone(),

@@ -248,7 +248,7 @@ pub fn convert(
     let format = options.brick_format();
     let encoder = BrickEncoder { format, rules: &rules };
     let work = Work { source, plan: &plan, state, pending: kept.pending(&plan.geometry) };
-    let earlier = Earlier { octets: work.state.octets, scratch: Some(Arc::new(scratch)) };
+    let earlier = Earlier { octets: work.state.octets, scratch: Arc::new(scratch) };
     let made = with_sample_type!(source.sample_type(), T => {
         make_bricks::<T>(work, &encoder, &mut writer, earlier, progress)
     });

@@ -4,9 +4,10 @@
 
 use super::ConvertOptions;
 use crate::error::PreprocessError;
+use crate::level_window::{Layout, Slots};
 use crate::source::Source;
 use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
-use crate::window::{Slots, Window, WindowPlace};
+use crate::window::{Window, WindowPlace};
 use octree_store::{
     Effort, Encoding, Geometry, NodeRecord, OverlapAtRest, SampleType, StoreWriter,
     with_sample_type,
@@ -103,13 +104,12 @@ impl ConversionPlan {
         let sample_type = source.sample_type();
         let sample_bytes = sample_type.bytes() as u64;
         let folder = options.scratch.clone().unwrap_or_else(|| folder_of(output));
-        let (window_places, slots_bytes) =
-            windows(&geometry, sample_type, options.commit_source_bytes);
+        let (layouts, slots_bytes) = windows(&geometry, sample_type, options.commit_source_bytes);
         // As many threads as memory allows.
         let mut threads = options.threads.max(1);
         let (walk, predicted, stream_bytes) = loop {
             let divided =
-                divide_memory(source, &geometry, threads as u64, &folder, &window_places, options);
+                divide_memory(source, &geometry, threads as u64, &folder, &layouts, options);
             match divided {
                 Err(PreprocessError::MemoryTooSmall { .. }) if threads > 1 => threads -= 1,
                 divided => break divided?,
@@ -179,22 +179,21 @@ fn windows(
     geometry: &Geometry,
     sample_type: SampleType,
     commit_source_bytes: u64,
-) -> (Vec<WindowPlace>, u64) {
+) -> (Vec<Layout>, u64) {
     let [width, height, _] = geometry.dims_xyz();
     let mut offset = 0;
-    let places = geometry.levels().skip(1).map(|level| {
+    let layouts = geometry.levels().skip(1).map(|level| {
         let row_bytes =
             width * height * sample_type.bytes() as u64 * (u64::from(geometry.core()) << level);
         let spare = 1 + (3 * commit_source_bytes).div_ceil(row_bytes);
         let all = geometry.grid_at(level)[2];
         let count = (level_window_chunks(geometry, level) + spare).min(all);
-        let slots = Slots { offset, count };
-        let chunk = chunk_bytes(geometry.dims_at(level), geometry.core().into(), sample_type);
-        offset += count * Slots::stride(chunk);
-        WindowPlace::Slots(slots)
+        let layout = Layout::new(geometry, level, sample_type.bytes(), Slots { offset, count });
+        offset += layout.bytes();
+        layout
     });
-    let places = places.collect();
-    (places, offset)
+    let layouts = layouts.collect();
+    (layouts, offset)
 }
 
 /// Divides the budget: what must be in memory, then the window of a source that must be decoded.
@@ -204,7 +203,7 @@ fn divide_memory(
     geometry: &Geometry,
     threads: u64,
     folder: &Path,
-    window_places: &[WindowPlace],
+    layouts: &[Layout],
     options: &ConvertOptions,
 ) -> Result<(WalkOptions, u64, u64), PreprocessError> {
     let budget = options.memory_bytes;
@@ -215,12 +214,14 @@ fn divide_memory(
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
     let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };
-    // Gathered samples, means, codes, what filters make of them, and room for compression to fail in.
-    let thread_bytes = THREAD_BYTES + 8 * brick + core / 8 + 3 * coded + coded * 11 / 10 + zstd;
+    // Gathered samples, means, their parent's block, codes, what filters make of them, and room for
+    // compression to fail in.
+    let thread_bytes =
+        THREAD_BYTES + 8 * brick + core / 8 + core + 3 * coded + coded * 11 / 10 + zstd;
     let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
     // A small volume has fewer bricks than its octets have room for.
     let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);
-    let octet_bytes = octet_bricks * (coded + 512) + core;
+    let octet_bytes = octet_bricks * (coded + 512);
     // Besides those, one is being written.
     let octets = (threads * (AHEAD_PER_THREAD + WAITING_PER_THREAD) + 1).min(all_octets);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
@@ -257,7 +258,7 @@ fn divide_memory(
     let walk = WalkOptions {
         octets_ahead: (threads * AHEAD_PER_THREAD) as usize,
         downsample: options.downsample,
-        window_places: window_places.to_vec(),
+        layouts: layouts.to_vec(),
         stream_place,
         stream_chunk,
         stream_chunks_ahead,

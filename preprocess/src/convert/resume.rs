@@ -8,10 +8,8 @@ use super::plan::ConversionPlan;
 use super::tree::Beneath;
 use crate::error::PreprocessError;
 use crate::source::Source;
-use crate::source::map::map_slot;
 use crate::value_stats::VolumeValues;
-use crate::walk::{block_checksum, octets_in_row, read_block};
-use crate::window::{Window, WindowPlace};
+use crate::walk::{block_checksum, octets_in_row};
 use octree_store::{Geometry, NodeKey, Sample};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -180,12 +178,12 @@ impl Kept {
         let geometry = &plan.geometry;
         let mut octets_done = vec![0; geometry.levels().count()];
         let mut keys: Vec<_> = self.0.keys().copied().collect();
-        // Chunk by chunk, so that each slot is mapped once.
+        // In the order in which they lie in the file, nearly.
         keys.sort_unstable_by_key(|key| (key.level(), key.brick_xyz()[2]));
         for parent in &keys {
             octets_done[usize::from(parent.level() - 1)] += 1;
         }
-        let (mut mapped, mut block) = (None, Vec::new());
+        let mut block = vec![T::default(); (geometry.core() as usize).pow(3)];
         for parent in keys {
             let level = parent.level();
             let rows_done = octets_done
@@ -195,22 +193,10 @@ impl Kept {
             if last_row_needing(geometry, level, chunk) < rows_done {
                 continue;
             }
-            let WindowPlace::Slots(slots) = &plan.walk.window_places[usize::from(level - 1)] else {
-                continue;
-            };
-            let samples =
-                Window::<T>::chunk_samples(geometry.dims_at(level), geometry.core().into());
-            let bytes = samples * size_of::<T>() as u64;
-            let place = slots.place_of(chunk, bytes);
-            if mapped.as_ref().is_none_or(|(at, _)| *at != place) {
-                let slot = map_slot(scratch, place, bytes).map_err(|source| {
-                    PreprocessError::ScratchFile { path: path.to_owned(), source }
-                })?;
-                mapped = Some((place, slot));
-            }
-            if let Some((_, slot)) = &mapped {
-                read_block(geometry, parent, slot.samples::<T>(samples as usize), &mut block);
-            }
+            let place = plan.walk.layouts[usize::from(level - 1)].place_of(parent.brick_xyz());
+            scratch
+                .read_exact_at(bytemuck::cast_slice_mut(&mut block), place)
+                .map_err(|source| PreprocessError::ScratchFile { path: path.to_owned(), source })?;
             if block_checksum(&block) != self.0[&parent].1 {
                 let what = "its scratch file is damaged";
                 return Err(PreprocessError::CannotResume { path: path.to_owned(), what });

@@ -27,8 +27,7 @@ impl ScratchMap {
     /// Room for `bytes` bytes, zeroed, in a new unnamed file of `folder`. The blocks are taken
     /// now, so that a full disk shows here and not as a signal later.
     pub(crate) fn new(folder: &Path, bytes: u64) -> io::Result<Self> {
-        let file = tempfile::tempfile_in(folder)?;
-        take_blocks(&file, bytes.max(1))?;
+        let file = unnamed_file(folder, bytes)?;
         // SAFETY: the file has no name, so no other process can change or shorten it.
         unsafe { MmapMut::map_mut(&file) }.map(Self)
     }
@@ -44,12 +43,19 @@ impl ScratchMap {
     }
 }
 
-/// Maps `bytes` bytes of a scratch file from `offset` on.
-pub(crate) fn map_slot(file: &File, offset: u64, bytes: u64) -> io::Result<ScratchMap> {
-    let length = bytes.max(1) as usize;
-    // SAFETY: the file is locked by this process for as long as the conversion lasts, and made by it;
-    // one who shortens it against the lock ends the program by SIGBUS, as with every mapped file.
-    unsafe { MmapOptions::new().offset(offset).len(length).map_mut(file) }.map(ScratchMap)
+/// A new unnamed file of `bytes` zeros in a folder, whose blocks are all taken.
+pub(crate) fn unnamed_file(folder: &Path, bytes: u64) -> io::Result<File> {
+    let file = tempfile::tempfile_in(folder)?;
+    take_blocks(&file, bytes.max(1))?;
+    Ok(file)
+}
+
+/// Maps `bytes` bytes of a scratch file from `offset` on, for reading.
+pub(crate) fn map_range(file: &File, offset: u64, bytes: u64) -> io::Result<Mmap> {
+    // SAFETY: the file is this process's own. It writes a part of the file only while nobody reads
+    // that part through the map. Another program that shortens the file ends this one by SIGBUS, as with
+    // every mapped file.
+    unsafe { MmapOptions::new().offset(offset).len(bytes as usize).map(file) }
 }
 
 /// Makes a file of `bytes` zeros whose blocks are all taken.
