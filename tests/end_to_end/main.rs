@@ -6,6 +6,7 @@ mod bad_input;
 mod batch;
 mod commands;
 mod damage;
+mod encodings;
 mod headers;
 mod help;
 mod memory;

@@ -81,6 +81,10 @@ fn as_json(record: &NodeRecord, store: &Store) -> serde_json::Value {
         "lod_rms_bound": record.lod_rms_bound,
         "lod_amax_bound": record.lod_amax_bound,
         "bits": record.bits,
+        "coding": record.coding as u8,
+        "filter": record.filter.id(),
+        "compression": record.compression as u8,
+        "payload_offset": record.place.offset,
         "payload_bytes": record.place.length,
         "children": record.child_mask,
     })

@@ -74,7 +74,7 @@ fn assert_every_encoding_keeps_its_word<T: Sample>(values: &[T]) {
         let (record, read) = encoded(&samples, Encoding::Lossless, anchor);
         assert!(read.iter().zip(&held).all(|(a, b)| a.same_bits(*b)), "{values:?}");
         assert_eq!(record.error.amax, 0.0);
-        for error in [0.0, 1e-40, 0.3, 1.0, 127.5, 1e6, 1e30, f64::MAX] {
+        for error in [0.0, 1e-40, 0.3, 1.0, 1.5, 127.5, 1e6, 1e30, f64::MAX] {
             let (record, read) = encoded(&samples, bound(error), anchor);
             assert!(record.error.amax <= error, "{values:?}, bound {error}: {}", record.error.amax);
             for (read, v) in read.iter().zip(&held).filter(|(_, v)| v.is_finite()) {
@@ -179,9 +179,13 @@ fn a_bound_that_sixteen_bits_cannot_hold_is_lossless_in_that_brick() {
     let (record, read) = encoded(&floats, bound(1e-31), Anchor::Brick);
     assert_eq!((record.coding, record.bits), (Coding::Lossless, 32));
     assert!(read[1].is_sign_negative(), "-0 stays");
-    // Next to values of 2^24 an f32 has steps of 2: nothing but the samples holds a bound of 0.3.
-    let coarse = brick(&[16_777_216.0_f32, 16_777_218.0, 16_777_222.0]);
-    assert_eq!(encoded(&coarse, bound(0.3), Anchor::Brick).0.error.amax, 0.0);
+    // Above 2^24 an f32 has steps of 2. With a bound of 1.5 the values lie 2.98 apart, and rounding takes
+    // the one that is 1.4 away to a sample that is 2 away.
+    let coarse: Vec<f32> = (0..21_u8).map(|i| 16_777_216.0 + 2.0 * f32::from(i)).collect();
+    assert_every_encoding_keeps_its_word(&coarse);
+    let (record, read) = encoded(&brick(&coarse), bound(1.5), Anchor::Brick);
+    assert_eq!((record.coding, record.error.amax), (Coding::Lossless, 0.0));
+    assert_eq!(read, brick(&coarse));
 }
 
 #[test]
@@ -193,6 +197,22 @@ fn small_differences_take_the_bits_of_the_differences() {
     let (record, read) = encoded(&noise, bound(0.0), Anchor::Brick);
     assert_eq!((record.bits, record.place.length as usize), (10, 10 * noise.len() / 8));
     assert_eq!(read, noise);
+}
+
+#[test]
+fn bits_that_do_not_follow_from_range_and_bound_are_damage() {
+    let samples = brick(&[0_u16, 1000]);
+    let (record, _) = encoded(&samples, bound(3.0), Anchor::Brick);
+    let decoding = Decoding { encoding: bound(3.0), anchor: Anchor::Brick };
+    for bits in [0, record.bits - 1, record.bits + 1, 16, 17, 255] {
+        let wrong = NodeRecord { bits, filter: Filter::NONE, ..record };
+        let payload = vec![0; 2 * samples.len()];
+        for length in [0, samples.len(), payload.len()] {
+            let mut read = samples.clone();
+            let mut scratch = DecodeScratch::default();
+            assert!(decoding.decode(&wrong, &payload[..length], &mut scratch, &mut read).is_err());
+        }
+    }
 }
 
 proptest! {

@@ -1,7 +1,7 @@
 //! From a brick's samples to a payload and back.
 //!
 //! An encoding turns samples into codes ([`quantised8`], [`bounded`]) or takes their bits as they are, a
-//! filter arranges these words ([`filter`]), a compression packs them ([`payload`]). Each has an id in
+//! filter arranges these words ([`Filter`]), a compression packs them ([`payload`]). Each has an id in
 //! FORMAT.md.
 
 mod bit_planes;
