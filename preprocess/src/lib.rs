@@ -5,6 +5,7 @@
 //! [`compare`](compare::compare) measure what was lost; [`Volume`] reads stores and sources alike,
 //! slice by slice, in bounded memory, which is how [`export`] writes them out again.
 
+mod block;
 pub mod compare;
 mod convert;
 mod decode;

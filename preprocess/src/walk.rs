@@ -9,6 +9,7 @@
 //! A walk can skip the octets that an earlier one has done: it then goes the same way without
 //! touching any voxel, and finds in the windows' slots what the earlier one left there.
 
+use crate::block::{block_checksum, place_block};
 use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
@@ -22,7 +23,6 @@ use std::fs::File;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
-use twox_hash::XxHash3_64;
 
 /// What is done with each brick; called from many threads at once.
 pub(crate) trait Visitor<T>: Sync {
@@ -435,40 +435,4 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         }
         Ok((octet, block))
     }
-}
-
-/// The checksum of a parent's core.
-pub(crate) fn block_checksum<T: Sample>(block: &[T]) -> u64 {
-    XxHash3_64::oneshot(bytemuck::cast_slice(block))
-}
-
-/// Copies a parent's core into the chunk of its level that holds its slices.
-fn place_block<T: Sample>(geometry: &Geometry, parent: NodeKey, block: &[T], chunk: &mut [T]) {
-    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
-    for (row, to) in block.chunks_exact(width).zip(block_rows(geometry, parent)) {
-        chunk[to..to + width].copy_from_slice(row);
-    }
-}
-
-/// Copies a parent's core out of its chunk.
-pub(crate) fn read_block<T: Sample>(
-    geometry: &Geometry,
-    parent: NodeKey,
-    chunk: &[T],
-    block: &mut Vec<T>,
-) {
-    let width = geometry.core_region(parent).dims_xyz()[0] as usize;
-    block.clear();
-    for from in block_rows(geometry, parent) {
-        block.extend_from_slice(&chunk[from..from + width]);
-    }
-}
-
-/// Where the rows of a parent's core begin in its chunk.
-fn block_rows(geometry: &Geometry, parent: NodeKey) -> impl Iterator<Item = usize> {
-    let region = geometry.core_region(parent);
-    let [width, height, _] = geometry.dims_at(parent.level()).map(|n| n as usize);
-    let [_, by, bz] = region.dims_xyz().map(|n| n as usize);
-    let [x, y] = [region.min[0] as usize, region.min[1] as usize];
-    (0..by * bz).map(move |i| (i / by * height + y + i % by) * width + x)
 }

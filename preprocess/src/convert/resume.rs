@@ -6,11 +6,12 @@
 use super::ConvertOptions;
 use super::plan::ConversionPlan;
 use super::tree::Beneath;
+use crate::block::{block_checksum, read_block};
 use crate::error::PreprocessError;
 use crate::source::Source;
 use crate::source::map::map_slot;
 use crate::value_stats::VolumeValues;
-use crate::walk::{block_checksum, octets_in_row, read_block};
+use crate::walk::octets_in_row;
 use crate::window::{Window, WindowPlace};
 use octree_store::{Geometry, NodeKey, Sample};
 use serde::{Deserialize, Serialize};
