@@ -12,6 +12,20 @@ cargo build --release --workspace
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 octavo="$PWD/target/release/octavo"
+
+# Fifty more of a release build on a gigabyte, with what each cost.
+target/release/phantom micro-ct --dims 1024,1024,512 -o "$work/g_1024x1024x512_u16.raw"
+python3 tests/kills.py "$octavo" "$work/g_1024x1024x512_u16.raw" 50
+rm "$work/g_1024x1024x512_u16.raw"
+
+# More than TIFF can hold: BigTIFF, of a sparse volume of zeros.
+truncate -s $((2048 * 2048 * 1040)) "$work/z_2048x2048x1040_u8.raw"
+"$octavo" convert "$work/z_2048x2048x1040_u8.raw" -o "$work/z.octavo"
+"$octavo" extract "$work/z.octavo" -o "$work/z.tif"
+"$octavo" compare "$work/z.tif" "$work/z_2048x2048x1040_u8.raw" --max-amax 0
+[ "$(head -c 4 "$work/z.tif" | xxd -p)" = 49492b00 ]
+rm "$work"/z*
+
 target/release/phantom micro-ct --dims 1024,1024,1024 -o "$work/p_1024x1024x1024_u16.raw"
 for threads in 1 2 7; do
   "$octavo" convert "$work/p_1024x1024x1024_u16.raw" -o "$work/p.octavo" --force \

@@ -37,7 +37,16 @@ pub(crate) fn code_of_error(error: &anyhow::Error) -> u8 {
 pub(crate) fn message(error: &anyhow::Error) -> String {
     let own =
         error.is::<PreprocessError>() || error.is::<SourceError>() || error.is::<StoreError>();
-    if own { error.to_string() } else { format!("{error:#}") }
+    let said = if own { error.to_string() } else { format!("{error:#}") };
+    let full = |error: &io::Error| {
+        matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
+    };
+    let full = error.chain().any(|cause| cause.downcast_ref::<io::Error>().is_some_and(full));
+    // Messages on scratch space say so already.
+    if full && !said.contains("free ") {
+        return format!("{said}: free some space there, or write to another disk");
+    }
+    said
 }
 
 /// Whoever read our output has seen enough.
@@ -73,6 +82,8 @@ mod tests {
             PreprocessError::from(StoreError::Io { path: "a".into(), source: kind.into() })
         };
         assert!(is_environment(&failed(io::ErrorKind::StorageFull).into()));
+        let said = message(&failed(io::ErrorKind::StorageFull).into());
+        assert!(said.starts_with("a: ") && said.ends_with("write to another disk"), "{said}");
         assert!(!is_environment(&failed(io::ErrorKind::PermissionDenied).into()));
         assert!(!is_environment(&SourceError::Missing { path: "a".into() }.into()));
         let written: Result<(), _> = Err(io::Error::from(io::ErrorKind::StorageFull));

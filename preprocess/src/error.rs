@@ -1,7 +1,7 @@
 //! What can stop a conversion or a comparison.
 
 use crate::source::SourceError;
-use octree_store::{GeometryError, StoreError, is_denied};
+use octree_store::{GeometryError, LengthUnit, StoreError, is_denied};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -51,6 +51,17 @@ pub enum PreprocessError {
         path: PathBuf,
         /// The system's error.
         source: io::Error,
+    },
+    /// A voxel's size that TIFF's fractions cannot say.
+    #[error("{}: TIFF cannot hold a voxel of {} x {} x {} {}: give -o a name ending in .nrrd or .nii",
+        path.display(), spacing_xyz[0], spacing_xyz[1], spacing_xyz[2], unit.name())]
+    TiffSpacing {
+        /// The output.
+        path: PathBuf,
+        /// The size of a voxel.
+        spacing_xyz: [f64; 3],
+        /// Its unit.
+        unit: LengthUnit,
     },
     /// Unfinished work cannot be gone on with.
     #[error("{}: this unfinished conversion cannot be resumed: {what}; give --force to start anew",

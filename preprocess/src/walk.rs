@@ -104,6 +104,20 @@ pub(crate) struct Earlier {
 #[derive(Debug, Default)]
 pub(crate) struct Buffers<B>(Mutex<Vec<Vec<B>>>);
 
+impl Buffers<u8> {
+    /// So many empty buffers with memory of their own, taken at once: what is planned is what is used, and
+    /// a machine that has not got it says so in the beginning.
+    pub(crate) fn reserved(count: usize, length: usize) -> Self {
+        let buffer = |_| {
+            // Zeros would not be there until they are used.
+            let mut buffer = vec![1; length];
+            buffer.clear();
+            buffer
+        };
+        Self(Mutex::new((0..count).map(buffer).collect()))
+    }
+}
+
 impl<B> Buffers<B> {
     /// An empty buffer, with room from earlier use where there is one.
     pub(crate) fn take(&self) -> Vec<B> {

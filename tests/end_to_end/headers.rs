@@ -20,6 +20,27 @@ fn volumes_of_every_form_are_what_their_own_readers_say() {
         bench.ok(&format!("extract o.octavo -o {name}.back.nii --force"));
     }
     python("same_as_header.py", &[&folder]);
+
+    std::fs::remove_file(bench.path("o.octavo")).unwrap();
+    for (input, words) in [
+        ("dicom-study", &["2 series", "1.2.3.4.1 (6 slices, scout)", "--series"][..]),
+        ("dicom-both --series 1.2", &["1.2 in it", "1.2.3.4.2 (6 slices)"]),
+        ("refused-jpeg-ls.dcm", &["JPEG-LS", "1.2.840.10008.1.2.4.80", "dcmdjpls"]),
+        ("refused-jpeg-2000.dcm", &["JPEG 2000", "1.2.840.10008.1.2.4.90", "gdcmconv --raw"]),
+        ("ras.nrrd --series 1.2", &["ras.nrrd", "--series"]),
+    ] {
+        let name = input.split(' ').next().unwrap();
+        let said = bench.run(&format!("convert {input} -o o.octavo"));
+        assert_eq!(said.code, 2, "{input}: {}", said.err);
+        for word in [name].iter().chain(words) {
+            assert!(said.err.contains(word), "{input}: no '{word}' in: {}", said.err);
+        }
+        assert!(!bench.path("o.octavo").exists());
+    }
+    // What was chosen is remembered.
+    bench.ok("convert dicom-study --series 1.2.3.4.2 -o o.octavo");
+    assert_eq!(bench.ok("info o.octavo --json").json()["options"]["series"], "1.2.3.4.2");
+    bench.ok("verify o.octavo --against dicom-study");
 }
 
 #[test]

@@ -31,6 +31,15 @@ fn begin(bench: &Bench, more: &str) -> Child {
         .unwrap()
 }
 
+/// Waits until some of its work is there.
+fn wait_for_work(bench: &Bench, child: &mut Child) {
+    let partial = bench.path("a.octavo.partial");
+    while !std::fs::metadata(&partial).is_ok_and(|file| file.len() > 10 << 20) {
+        assert!(child.try_wait().unwrap().is_none(), "it ended too soon");
+        sleep(Duration::from_millis(1));
+    }
+}
+
 fn signal(child: &Child, name: &str) {
     let kill = Command::new("kill").args(["-s", name, &child.id().to_string()]).status();
     assert!(kill.unwrap().success());
@@ -71,10 +80,10 @@ fn a_killed_conversion_goes_on_to_the_same_store() {
 
 #[test]
 fn a_signal_commits_and_says_how_to_go_on() {
-    let (bench, whole, took) = bench();
+    let (bench, whole, _) = bench();
     for name in ["INT", "TERM"] {
-        let child = begin(&bench, "--resume");
-        sleep(took.mul_f64(0.6));
+        let mut child = begin(&bench, "--resume");
+        wait_for_work(&bench, &mut child);
         let second = bench.run(&format!("convert {NAME} -o a.octavo --force"));
         signal(&child, name);
         let output = child.wait_with_output().unwrap();
@@ -109,12 +118,7 @@ fn a_source_that_has_changed_is_refused_and_resume_without_work_begins() {
 
     bench.noise(NAME, BYTES);
     let mut child = begin(&bench, "--force");
-    // Until some of it is there.
-    let partial = bench.path("a.octavo.partial");
-    while !std::fs::metadata(&partial).is_ok_and(|file| file.len() > 10 << 20) {
-        assert!(child.try_wait().unwrap().is_none(), "it ended too soon");
-        sleep(Duration::from_millis(1));
-    }
+    wait_for_work(&bench, &mut child);
     signal(&child, "INT");
     child.wait_with_output().unwrap();
     bench.noise(NAME, BYTES);

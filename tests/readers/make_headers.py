@@ -8,6 +8,7 @@ import sys
 import nrrd
 import numpy as np
 import pydicom
+import pydicom.encaps
 import SimpleITK as sitk
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.sequence import Sequence
@@ -226,7 +227,7 @@ def place(z, distance=1.5):
 
 
 def series_of(name, dtype, bits, signed, syntax=ExplicitVRLittleEndian, rescale=None, change=None, **more):
-    os.mkdir(path(name))
+    os.makedirs(path(name))
     low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
     values = rng.integers(low, high, size=(6, 9, 8)).astype(dtype)
     order = rng.permutation(6)
@@ -266,6 +267,28 @@ series_of("dicom-pet", "u2", 16, False, rescale=lambda z: (f"{0.25 * (z + 1)}", 
 add("dicom-pet", "", "type=any slices=pydicom")
 series_of("dicom-mono1", "u2", 12, False, photometric="MONOCHROME1")
 add("dicom-mono1", "", "type=any slices=pydicom")
+
+# A study as archives write it: series in folders below, and a file that lists them.
+series_of("dicom-study/ST1/SE1", "u2", 16, False, series="1.2.3.4.1", SeriesDescription="scout")
+series_of("dicom-study/ST1/SE2", "u2", 16, False, series="1.2.3.4.2")
+open(path("dicom-study/DICOMDIR"), "wb").write(b"\0" * 128 + b"DICM")
+add("dicom-study", "--series 1.2.3.4.2", "type=any as=dicom-study/ST1/SE2")
+series_of("dicom-below/A/B", "i2", 16, True)
+add("dicom-below", "", "type=any as=dicom-below/A/B")
+# Two series in one folder.
+series_of("dicom-both", "u2", 16, False, series="1.2.3.4.1")
+series_of("dicom-second", "u2", 16, False, series="1.2.3.4.2")
+for name in os.listdir(path("dicom-second")):
+    os.link(path(f"dicom-second/{name}"), path(f"dicom-both/second-{name}"))
+add("dicom-both", "--series 1.2.3.4.2", "type=any as=dicom-second")
+# Transfer syntaxes that are not read.
+for name, syntax in [("jpeg-ls", "1.2.840.10008.1.2.4.80"), ("jpeg-2000", "1.2.840.10008.1.2.4.90")]:
+    ds = data_set(ExplicitVRLittleEndian, np.zeros((8, 8), "u2"), 16, False, InstanceNumber=1, **place(0))
+    ds.file_meta.TransferSyntaxUID = syntax
+    ds.PixelData = pydicom.encaps.encapsulate([b"\0" * 64])
+    ds["PixelData"].is_undefined_length = True
+    ds["PixelData"].VR = "OB"
+    save(ds, f"refused-{name}.dcm")
 
 # Lossless JPEG, by ITK's own writer.
 os.mkdir(path("dicom-jpeg"))

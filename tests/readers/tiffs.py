@@ -62,6 +62,33 @@ for kind in NAMES:
                         assert np.array_equal(written, voxels), name
                         expect(name, voxels)
 
+# Floats of 16 bits become floats of 32.
+halves = (volume("f4") / 50).astype("f2")
+halves[0, 0, :6] = [np.inf, -np.inf, np.nan, 6e-8, -0.0, 65504]
+for order in "<>":
+    for compression, predictor in [(None, None), ("lzw", None), ("zlib", 3), ("zstd", 3), ("packbits", None)]:
+        for arrangement in [{"rowsperstrip": 8}, {"tile": (16, 32)}]:
+            name = out / f"half-{'le' if order == '<' else 'be'}-{compression}-{len(arrangement)}-{len(expected)}.tif"
+            tifffile.imwrite(name, halves, byteorder=order, compression=compression, predictor=predictor,
+                             photometric="minisblack", metadata=None, **arrangement)
+            assert np.array_equal(tifffile.imread(name), halves, equal_nan=True)
+            expect(name, halves.astype("f4"))
+# Tiles that are left out are zeros.
+for compression in [None, "zlib", "lzw"]:
+    for left_out in [(2, 5), (1,), range(1, 6)]:
+        tiles = [None if i in left_out else volume("u2", (1, 16, 16))[0] + 1 for i in range(6)]
+        name = out / f"sparse-{compression}-{len(left_out)}.tif"
+        tifffile.imwrite(name, iter(tiles), shape=(1, 30, 40), dtype="u2", tile=(16, 16), photometric="minisblack",
+                         compression=compression, metadata=None)
+        with tifffile.TiffFile(name) as tif:
+            assert all((tif.pages[0].dataoffsets[i] == 0) == (i in left_out) for i in range(6))
+        expect(name, tifffile.imread(name).reshape(1, 30, 40))
+# Tiles as wide as the picture, which would lie plainly in the file but for the last.
+name = out / "sparse-plain.tif"
+tifffile.imwrite(name, iter([np.ones((16, 32), "u2"), None]), shape=(1, 32, 32), dtype="u2", tile=(16, 32),
+                 photometric="minisblack", metadata=None)
+expect(name, tifffile.imread(name).reshape(1, 32, 32))
+
 # ImageJ: a hyperstack, and a stack with one directory for all its planes.
 hyper = rng.integers(0, 4000, size=(3, 4, 2, 9, 11)).astype(np.uint16)
 name = out / "hyperstack.tif"
@@ -116,13 +143,17 @@ expect(folder / "s_1*.tif", stack[5:])
 for label, voxels, words in [
     ("rgb", np.zeros((9, 11, 3), np.uint8), ["colour (RGB, 3 samples a pixel)"]),
     ("u64", np.zeros((9, 11), np.uint64), ["64-bit unsigned integers"]),
-    ("f16", np.zeros((9, 11), np.float16), ["16-bit floats"]),
     ("complex", np.zeros((9, 11), np.complex64), ["complex"]),
     ("bool", np.zeros((9, 11), bool), ["1-bit unsigned integers"]),
 ]:
     name = out / f"{label}.tif"
     tifffile.imwrite(name, voxels, photometric="rgb" if label == "rgb" else "minisblack")
     expected.append({"file": str(name), "refused": ["page 0", *words]})
+for orientation in range(2, 9):
+    name = out / f"orientation-{orientation}.tif"
+    tifffile.imwrite(name, volume("u2", (1, 9, 11)), photometric="minisblack", extratags=[(274, 3, 1, orientation, True)])
+    words = ["page 0", f"Orientation is {orientation}", "tiffset -s 274 1"]
+    expected.append({"file": str(name), "refused": words})
 name = out / "jpeg.tif"
 tifffile.imwrite(name, np.zeros((16, 16), np.uint8), compression="jpeg")
 expected.append({"file": str(name), "refused": ["JPEG (7)", "save it anew"]})
@@ -133,13 +164,14 @@ for path in sorted(suite.rglob("*.tif*")):
         with tifffile.TiffFile(path) as tif:
             pages = [page for page in tif.pages if not page.is_reduced]
             grey = all(int(page.photometric) in (0, 1) and page.samplesperpixel == 1
-                       and f"{page.dtype.kind}{page.bitspersample // 8}" in NAMES
+                       and f"{page.dtype.kind}{page.bitspersample // 8}" in [*NAMES, "f2"]
+                       and ("Orientation" not in page.tags or page.tags["Orientation"].value in (0, 1))
                        and page.bitspersample % 8 == 0 for page in pages)
             voxels = np.stack([page.asarray() for page in pages]) if grey else None
     except Exception as error:  # what tifffile refuses
         voxels = None
     if voxels is not None:
-        expect(path, voxels)
+        expect(path, voxels.astype("f4") if voxels.dtype.itemsize == 2 and voxels.dtype.kind == "f" else voxels)
     else:
         expected.append({"file": str(path), "refused": [path.name]})
 

@@ -2,13 +2,15 @@
 //!
 //! `cargo run --release -p bench --bin random_reads -- STORE [--reads N] [--threads T] [--rounds R] [--region SIDE]`
 
+#[path = "../rates.rs"]
+mod rates;
+
 use clap::Parser;
 use octree_store::{
     BrickScratch, NodeKey, OpenOptions, Region, Sample, SampleType, Store, StoreError,
     with_sample_type,
 };
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Read random level-0 bricks and print bricks a second, the median of the rounds
 #[derive(Debug, Parser)]
@@ -38,56 +40,23 @@ fn main() -> anyhow::Result<()> {
     options.cache_bytes = arguments.cache.map_or(options.cache_bytes, |mib| mib << 20);
     let store = options.open(&arguments.store)?;
     let sample_type: SampleType = store.metadata().sample_type;
-    let mut rates = Vec::new();
-    for round in 0..=arguments.rounds {
-        let started = Instant::now();
-        std::thread::scope(|scope| {
-            let readers: Vec<_> = (0..arguments.threads)
-                .map(|thread| {
-                    let store = &store;
-                    let seed = thread + 1;
-                    scope.spawn(move || {
-                        with_sample_type!(sample_type, T => match arguments.region {
-                            Some(side) => read_regions::<T>(store, seed, arguments.reads, side),
-                            None => read::<T>(store, seed, arguments.reads),
-                        })
-                    })
-                })
-                .collect();
-            readers.into_iter().try_for_each(|reader| match reader.join() {
-                Ok(result) => result.map(drop).map_err(anyhow::Error::from),
-                Err(_) => anyhow::bail!("a reader stopped"),
-            })
-        })?;
-        let rate = (arguments.reads * arguments.threads) as f64 / started.elapsed().as_secs_f64();
-        if round > 0 {
-            rates.push(rate);
-        }
-    }
-    rates.sort_by(f64::total_cmp);
-    println!(
-        "{} threads: {:.0} {} a second (median of {}; {:.0} to {:.0})",
-        arguments.threads,
-        rates[rates.len() / 2],
-        if arguments.region.is_some() { "regions" } else { "bricks" },
-        rates.len(),
-        rates[0],
-        rates[rates.len() - 1]
-    );
-    Ok(())
+    let Arguments { threads, reads, rounds, region, .. } = arguments;
+    let what = if region.is_some() { "regions" } else { "bricks" };
+    rates::print_rate(what, [threads, reads], rounds, |seed| {
+        with_sample_type!(sample_type, T => match region {
+            Some(side) => read_regions::<T>(&store, seed, reads, side),
+            None => read::<T>(&store, seed, reads),
+        })
+    })
 }
 
 /// Reads and decodes bricks in a pseudo-random order; the same in every round.
 fn read<T: Sample>(store: &Store, seed: u64, reads: u64) -> Result<u64, StoreError> {
     let grid = store.geometry().grid_at(0);
-    let bricks: u64 = grid.iter().product();
     let mut brick = vec![T::default(); store.geometry().brick_samples()];
     let mut scratch = BrickScratch::default();
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut sum = 0;
-    for _ in 0..reads {
-        let index = next(&mut state) % bricks;
-        let xyz = [index % grid[0], index / grid[0] % grid[1], index / grid[0] / grid[1]];
+    for xyz in rates::places(seed, grid, reads) {
         store.read_brick(NodeKey::new(0, xyz), &mut scratch, &mut brick)?;
         // Something must use the samples, or the decoding could be left out.
         sum += brick[brick.len() / 2].to_f64() as u64;
@@ -104,21 +73,12 @@ fn read_regions<T: Sample>(
 ) -> Result<u64, StoreError> {
     let dims = store.geometry().dims_xyz();
     let size = dims.map(|n| n.min(side.max(1)));
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let corners = [0, 1, 2].map(|axis| dims[axis] - size[axis] + 1);
     let mut sum = 0;
-    for _ in 0..reads {
-        let min = [0, 1, 2].map(|axis| next(&mut state) % (dims[axis] - size[axis] + 1));
+    for min in rates::places(seed, corners, reads) {
         let max = [0, 1, 2].map(|axis| min[axis] + size[axis]);
         let samples = store.read_region::<T>(0, Region { min, max })?;
         sum += samples[samples.len() / 2].to_f64() as u64;
     }
     Ok(sum)
-}
-
-/// The next xorshift number.
-fn next(state: &mut u64) -> u64 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    *state
 }

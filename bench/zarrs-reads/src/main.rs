@@ -7,11 +7,13 @@
 //! a cache for each thread so that none waits for its lock, open files kept
 //! (`file_handle_cache_size`), and one thread for decoding a sub-chunk, as the threads are ours.
 
-use anyhow::{Context, bail, ensure};
+#[path = "../../src/rates.rs"]
+mod rates;
+
+use anyhow::{Context, ensure};
 use clap::Parser;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 use zarrs::array::{
     Array, ArrayShardedExt, ArrayShardedReadableExt, ArrayShardedReadableExtCache, CodecOptions,
 };
@@ -43,37 +45,10 @@ fn main() -> anyhow::Result<()> {
     ensure!(array.is_exclusively_sharded(), "{} is not sharded", arguments.array.display());
     let caches: Vec<_> =
         (0..arguments.threads).map(|_| ArrayShardedReadableExtCache::new(&array)).collect();
-    let mut rates = Vec::new();
-    for round in 0..=arguments.rounds {
-        let started = Instant::now();
-        std::thread::scope(|scope| {
-            let readers: Vec<_> = (1..)
-                .zip(&caches)
-                .map(|(seed, cache)| {
-                    let array = &array;
-                    scope.spawn(move || read(array, cache, seed, arguments.reads))
-                })
-                .collect();
-            readers.into_iter().try_for_each(|reader| match reader.join() {
-                Ok(result) => result.map(drop),
-                Err(_) => bail!("a reader stopped"),
-            })
-        })?;
-        let rate = (arguments.reads * arguments.threads) as f64 / started.elapsed().as_secs_f64();
-        if round > 0 {
-            rates.push(rate);
-        }
-    }
-    rates.sort_by(f64::total_cmp);
-    println!(
-        "{} threads: {:.0} sub-chunks a second (median of {}; {:.0} to {:.0})",
-        arguments.threads,
-        rates[rates.len() / 2],
-        rates.len(),
-        rates[0],
-        rates[rates.len() - 1]
-    );
-    Ok(())
+    let Arguments { threads, reads, rounds, .. } = arguments;
+    rates::print_rate("sub-chunks", [threads, reads], rounds, |seed| {
+        read(&array, &caches[seed as usize - 1], seed, reads)
+    })
 }
 
 /// Reads and decodes sub-chunks in the pseudo-random order of `random_reads`; the same in every round.
@@ -83,21 +58,12 @@ fn read(
     seed: u64,
     reads: u64,
 ) -> anyhow::Result<u64> {
-    let grid_zyx = array.subchunk_grid().grid_shape().to_vec();
-    let chunks: u64 = grid_zyx.iter().product();
+    let mut grid = [1; 3];
+    grid.copy_from_slice(array.subchunk_grid().grid_shape());
+    grid.reverse();
     let options = CodecOptions::default().with_concurrent_target(1);
-    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let mut sum = 0;
-    for _ in 0..reads {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        let index = state % chunks;
-        let (x, y, z) = (
-            index % grid_zyx[2],
-            index / grid_zyx[2] % grid_zyx[1],
-            index / grid_zyx[2] / grid_zyx[1],
-        );
+    for [x, y, z] in rates::places(seed, grid, reads) {
         let chunk: Vec<u16> = array.retrieve_subchunk_opt(cache, &[z, y, x], &options)?;
         // Something must use the samples, or the decoding could be left out.
         sum += u64::from(chunk[chunk.len() / 2]);

@@ -12,16 +12,17 @@ use std::path::PathBuf;
 
 /// Write a store, a level or a region as a volume file
 ///
-/// Keeps the source's type, spacing and affine; world positions stay, at any level.
+/// Keeps the source's type, spacing and affine; world positions stay, at any level. TIFF files have a page for
+/// each slice and ImageJ's metadata, which hold the spacing but no affine; raw files hold neither.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  \
     octavo extract tooth.octavo -o tooth.nii.gz\n  \
-    octavo extract tooth.octavo --level 1 -o half.nii\n  \
-    octavo extract tooth.octavo --roi 20:80,20:80,0:161 -o part.raw")]
+    octavo extract tooth.octavo --level 1 -o half.nrrd\n  \
+    octavo extract tooth.octavo --roi 20:80,20:80,0:161 -o part.tif")]
 pub(super) struct Extract {
     /// The store
     store: PathBuf,
-    /// The file: .raw, .nii or .nii.gz
+    /// The file: .nii, .nii.gz, .nrrd, .tif (BigTIFF above 4 GiB) or .raw
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Level
@@ -39,7 +40,10 @@ pub(super) struct Extract {
 impl Extract {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
         let Some(format) = ExportFormat::of_name(&self.output) else {
-            bail!("{}: its name must end in .raw, .nii or .nii.gz", self.output.display());
+            bail!(
+                "{}: its name must end in .nii, .nii.gz, .nrrd, .tif, .tiff or .raw",
+                self.output.display()
+            );
         };
         let store = Store::open(&self.store)?;
         let dims_xyz = store.geometry().dims_xyz();
@@ -61,6 +65,13 @@ impl Extract {
         let done = export(&volume, &self.output, format, self.force, &bar);
         bar.finish();
         done?;
+        if volume.affine().is_some() && format == ExportFormat::Tiff {
+            let path = self.output.display();
+            eprintln!(
+                "octavo: {path}: TIFF holds the spacing alone: where the voxels lie in the world is left \
+                 out (.nrrd and .nii keep it)"
+            );
+        }
         Ok(Answer::Done)
     }
 }

@@ -96,6 +96,9 @@ struct SeriesArgs {
     /// Time, from 0
     #[arg(long, value_name = "N")]
     time: Option<u64>,
+    /// Series of a DICOM folder, by its UID
+    #[arg(long, value_name = "UID")]
+    series: Option<String>,
     /// Take slices as they are where numbers or positions are missing or uneven
     #[arg(long)]
     allow_gaps: bool,
@@ -106,6 +109,7 @@ impl SeriesArgs {
         SourceOptions {
             time: self.time,
             channel: self.channel,
+            series: self.series.clone(),
             allow_gaps: self.allow_gaps,
             ..SourceOptions::default()
         }
@@ -128,6 +132,7 @@ impl RawArgs {
             skip: self.skip,
             time: series.and_then(|series| series.time),
             channel: series.and_then(|series| series.channel),
+            series: series.and_then(|series| series.series.clone()),
             allow_gaps: series.is_some_and(|series| series.allow_gaps),
         }
     }

@@ -102,6 +102,10 @@ impl Verify {
             let recorded = |name| store.metadata().options.get(name)?.as_u64();
             options.time = options.time.or_else(|| recorded("time"));
             options.channel = options.channel.or_else(|| recorded("channel"));
+            if path.is_dir() && options.series.is_none() {
+                let series = store.metadata().options.get("series");
+                options.series = series.and_then(|uid| uid.as_str()).map(str::to_owned);
+            }
             if path.extension().is_some_and(|extension| extension == "raw") {
                 assume_store(&mut options, path, &store);
             }

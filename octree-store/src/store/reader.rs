@@ -45,6 +45,12 @@ impl OpenOptions {
         let metadata_damaged =
             |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
         let incomplete = || StoreError::Incomplete { path: path.to_owned() };
+        // To open a pipe would wait for one who writes to it.
+        let kind = std::fs::metadata(path).map_err(io_error)?.file_type();
+        if !kind.is_file() && !kind.is_dir() {
+            let found = "it is a pipe, a socket or a device";
+            return Err(StoreError::NotAStore { path: path.to_owned(), found });
+        }
         let file = File::open(path).map_err(io_error)?;
         let superblock = Superblock::read(&file).map_err(|error| match error {
             SuperblockError::Io(source) => io_error(source),

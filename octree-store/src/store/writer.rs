@@ -16,6 +16,7 @@ use crate::summary::Summary;
 use redb::{Builder, Database};
 use std::fs::{File, OpenOptions};
 use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -51,12 +52,21 @@ pub struct Committed {
 }
 
 impl StoreWriter {
-    /// Bytes of memory that a writer takes for a store of so many bricks: redb's cache, which a small
-    /// store does not fill, the records that wait for a commit, and payloads on their way.
-    pub fn memory_bytes(bricks: u64) -> u64 {
-        (2 * bricks * NodeRecord::BYTES as u64).min(WRITER_CACHE_BYTES as u64 + (4 << 20))
-            + PayloadFile::BUFFER_BYTES as u64
-            + (1 << 20)
+    /// Bytes of memory that a writer takes for a store of so many bricks and bytes of payload, where the
+    /// records of `waiting` bricks wait for a commit or are being committed.
+    ///
+    /// Measured: a record takes 160 bytes while it waits, and about as many in each of two redb
+    /// caches, of the work index and of the store's own. The second takes as much again beside its
+    /// limit while it is put in order, and remembers a few bytes a record.
+    pub fn memory_bytes(bricks: u64, payload_bytes: u64, waiting: u64) -> u64 {
+        const RECORD_BYTES: u64 = 160;
+        let cache = WRITER_CACHE_BYTES as u64;
+        let records = RECORD_BYTES * bricks;
+        let index = records.min(2 * cache) + 5 * bricks;
+        (256 << 10)
+            + records.min(cache)
+            + index.max(RECORD_BYTES * waiting)
+            + payload_bytes.min(PayloadFile::BUFFER_BYTES as u64)
     }
 
     /// Creates an empty store in a new file, with a work index in another. `synced` are files that
@@ -96,7 +106,7 @@ impl StoreWriter {
         let file = open(path).map_err(|source| io_at(path, source))?;
         lock(&file, path)?;
         let work = open(work_path).map_err(|source| io_at(work_path, source))?;
-        if work.metadata().map_err(|source| io_at(work_path, source))?.len() == 0 {
+        if !is_begun(&work).map_err(|source| io_at(work_path, source))? {
             return Ok(None);
         }
         let database = create_database(work, work_path)?;
@@ -311,6 +321,16 @@ fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
         Ok(()) => Ok(()),
         Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_owned() }),
         Err(std::fs::TryLockError::Error(source)) => Err(io_at(path, source)),
+    }
+}
+
+/// Whether redb's file was ever ready to hold anything: its first bytes are written last, so that a kill
+/// before that leaves zeros.
+fn is_begun(file: &File) -> io::Result<bool> {
+    let mut magic = [0; 9];
+    match file.read_exact_at(&mut magic, 0) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        read => read.map(|()| magic != [0; 9]),
     }
 }
 

@@ -64,6 +64,8 @@ pub struct ConvertOptions {
     pub time: Option<u64>,
     /// The channel that was chosen, for the record.
     pub channel: Option<u64>,
+    /// The DICOM series that was chosen, for the record.
+    pub series: Option<String>,
     /// Threads that make bricks; fewer are used where memory is too small for so many.
     pub threads: usize,
     /// Own memory in bytes, mapped files apart.
@@ -90,6 +92,7 @@ impl Default for ConvertOptions {
             roi: None,
             time: None,
             channel: None,
+            series: None,
             threads: thread::available_parallelism().map_or(1, usize::from),
             memory_bytes: 512 << 20,
             scratch: None,
@@ -168,6 +171,9 @@ impl ConvertOptions {
             if let Some(chosen) = chosen {
                 options.insert(name.into(), chosen.into());
             }
+        }
+        if let Some(series) = &self.series {
+            options.insert("series".into(), series.as_str().into());
         }
         if self.effort != Effort::default() {
             options.insert("effort".into(), self.effort.name().into());

@@ -82,6 +82,11 @@ impl Output {
             (Start::Resume, Some(_)) if output.partial.exists() && output.index.exists() => {
                 output.resumes = true;
             }
+            // The store has its name already, and was ended before all else was gone.
+            (Start::Resume, Some(_)) if path.exists() && !output.partial.exists() => {
+                output.remove_work()?;
+                return Err(PreprocessError::Exists { path: owned() });
+            }
             (Start::Replace | Start::Resume, Some(_)) => output.remove_work()?,
             (_, None) => {}
         }
@@ -238,6 +243,13 @@ mod tests {
             "without the rest it is of no use"
         );
         assert!(!left[1].exists());
+
+        // Ended between the store's name and the end of what it was made of.
+        fs::write(&other, "whole").unwrap();
+        fs::write(&left[1], "half").unwrap();
+        assert!(matches!(prepare(&other, Start::Resume), Err(PreprocessError::Exists { .. })));
+        assert!(!left[1].exists());
+        assert_eq!(fs::read_to_string(&other).unwrap(), "whole");
     }
 
     #[test]

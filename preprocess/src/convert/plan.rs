@@ -6,7 +6,7 @@ use super::ConvertOptions;
 use crate::error::PreprocessError;
 use crate::level_window::{Layout, Slots};
 use crate::source::Source;
-use crate::walk::{WalkOptions, level_window_chunks, stream_window_chunks};
+use crate::walk::{WalkOptions, level_window_chunks, octets_in_row, stream_window_chunks};
 use crate::window::{Window, WindowPlace};
 use octree_store::{
     Effort, Encoding, Geometry, NodeRecord, OverlapAtRest, SampleType, StoreWriter,
@@ -16,13 +16,13 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Memory of the program itself: its data, buffers of the allocator, redb without its cache.
-const BASE_BYTES: u64 = 3 << 20;
+const BASE_BYTES: u64 = 896 << 10;
 /// What each thread takes beside its buffers: its stack, and its arena of the allocator.
-const THREAD_BYTES: u64 = 192 << 10;
+const THREAD_BYTES: u64 = 64 << 10;
 /// Octets that are ahead of the walk for each thread: in the making, or waiting for one before them.
-const AHEAD_PER_THREAD: u64 = 4;
+const AHEAD_PER_THREAD: u64 = 2;
 /// Octets that wait for the writer for each thread.
-const WAITING_PER_THREAD: u64 = 2;
+const WAITING_PER_THREAD: u64 = 1;
 /// Slices that a decoded source is ahead of the walk, where memory allows: a row of octets.
 const SLICES_AHEAD: u64 = 64;
 /// Slices in a chunk of a stream.
@@ -81,6 +81,11 @@ pub struct ConversionPlan {
     /// Octets that wait for the writer at most.
     #[serde(skip)]
     pub(crate) octets_waiting: usize,
+    /// Octets that exist at once, and bytes of one's payloads at most.
+    #[serde(skip)]
+    pub(crate) octets: usize,
+    #[serde(skip)]
+    pub(crate) octet_payload_bytes: usize,
     /// Bytes of the source after which work is committed.
     #[serde(skip)]
     pub(crate) commit_source_bytes: u64,
@@ -105,8 +110,11 @@ impl ConversionPlan {
         let sample_bytes = sample_type.bytes() as u64;
         let folder = options.scratch.clone().unwrap_or_else(|| folder_of(output));
         let (layouts, slots_bytes) = windows(&geometry, sample_type, options.commit_source_bytes);
-        // As many threads as memory allows.
+        // As many threads as memory allows. More than a row has octets find work only in decoding.
         let mut threads = options.threads.max(1);
+        if source.slice_files().is_none() {
+            threads = threads.min(octets_in_row(&geometry, 0) as usize);
+        }
         let (walk, predicted, stream_bytes) = loop {
             let divided =
                 divide_memory(source, &geometry, threads as u64, &folder, &layouts, options);
@@ -139,6 +147,11 @@ impl ConversionPlan {
             scratch_bytes: slots_bytes + stream_bytes,
             slots_bytes,
             octets_waiting: threads * WAITING_PER_THREAD as usize,
+            octets: octets(&geometry, threads as u64) as usize,
+            octet_payload_bytes: octet_payload_bytes(
+                &geometry,
+                coded_bytes(&geometry, options, sample_bytes),
+            ) as usize,
             commit_source_bytes: options.commit_source_bytes,
             // redb's leaves are half full at worst; an empty redb file has about 1.5 MB.
             output_bytes_max: payload + 2 * records + (2 << 20),
@@ -213,17 +226,12 @@ fn divide_memory(
     let coded = coded_bytes(geometry, options, sample_bytes);
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
-    let zstd = if options.effort == Effort::Small { 1 << 20 } else { 0 };
+    let zstd = if options.effort == Effort::Small { 320 << 10 } else { 0 };
     // Gathered samples, means, their parent's block, codes, what filters make of them, and room for
     // compression to fail in.
     let thread_bytes =
         THREAD_BYTES + 8 * brick + core / 8 + core + 3 * coded + coded * 11 / 10 + zstd;
-    let all_octets: u64 = geometry.levels().map(|level| octets_at(geometry, level)).sum();
-    // A small volume has fewer bricks than its octets have room for.
-    let octet_bricks = (geometry.bricks() / all_octets.max(1) + 1).min(8);
-    let octet_bytes = octet_bricks * (coded + 512);
-    // Besides those, one is being written.
-    let octets = (threads * (AHEAD_PER_THREAD + WAITING_PER_THREAD) + 1).min(all_octets);
+    let octets = octets(geometry, threads) * (octet_payload_bytes(geometry, coded) + 8 * 512);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
@@ -231,12 +239,19 @@ fn divide_memory(
         Some(bytes) if source.slice_files().is_some() => threads * bytes,
         bytes => bytes.unwrap_or(0),
     };
+    // Records of one commit that is gathered, one that waits, and one that is written.
+    let source_bytes = geometry.dims_xyz().iter().product::<u64>() * sample_bytes;
+    let commits = (3 * options.commit_source_bytes).min(source_bytes);
+    let waiting = u128::from(geometry.bricks()) * u128::from(commits) / u128::from(source_bytes);
+    let waiting = waiting as u64;
     let mut memory = BASE_BYTES
-        + StoreWriter::memory_bytes(geometry.bricks())
+        + StoreWriter::memory_bytes(geometry.bricks(), geometry.bricks() * coded, waiting)
         + threads * thread_bytes
-        + octets * octet_bytes
+        + octets
         + pending
         + decoding;
+    // What allocators round up.
+    memory += memory / 50;
     if memory > budget {
         return Err(PreprocessError::MemoryTooSmall { budget, needed: memory });
     }
@@ -244,10 +259,13 @@ fn divide_memory(
     let mut stream_place = WindowPlace::Memory;
     let stream_chunk =
         if source.slice_files().is_some() { STREAM_CHUNK.max(threads) } else { STREAM_CHUNK };
-    let stream_chunks_ahead = SLICES_AHEAD.div_ceil(stream_chunk);
+    let all_chunks = geometry.dims_xyz()[2].div_ceil(stream_chunk);
+    let window_chunks = stream_window_chunks(geometry, stream_chunk);
+    let stream_chunks_ahead =
+        SLICES_AHEAD.div_ceil(stream_chunk).min(all_chunks.saturating_sub(window_chunks));
     if source.decode_bytes().is_some() {
         let chunk = chunk_bytes(geometry.dims_xyz(), stream_chunk, sample_type);
-        let bytes = (stream_window_chunks(geometry, stream_chunk) + stream_chunks_ahead) * chunk;
+        let bytes = (window_chunks + stream_chunks_ahead) * chunk;
         if memory + bytes <= budget {
             memory += bytes;
         } else {
@@ -266,9 +284,20 @@ fn divide_memory(
     Ok((walk, memory, scratch))
 }
 
-/// Octets of a level.
-fn octets_at(geometry: &Geometry, level: u8) -> u64 {
-    geometry.grid_at(level).iter().map(|n| n.div_ceil(2)).product()
+/// Octets that exist at once: ahead of the walk, waiting for the writer, and being written.
+fn octets(geometry: &Geometry, threads: u64) -> u64 {
+    let ahead = (threads * AHEAD_PER_THREAD).min(octets_in_row(geometry, 0));
+    let all: u64 = geometry
+        .levels()
+        .map(|level| geometry.grid_at(level).iter().map(|n| n.div_ceil(2)).product::<u64>())
+        .sum();
+    (ahead + threads * WAITING_PER_THREAD + 1).min(all)
+}
+
+/// Bytes of an octet's payloads at most, each of so many.
+fn octet_payload_bytes(geometry: &Geometry, coded: u64) -> u64 {
+    let bricks: u64 = geometry.grid_at(0).iter().map(|&n| n.min(2)).product();
+    bricks * coded
 }
 
 /// Bytes of a window's chunk.

@@ -72,7 +72,7 @@ pub(super) fn make_bricks<T: Sample>(
 ) -> Result<(VolumeValues, f64), PreprocessError> {
     let Work { source, plan, state, pending } = work;
     let pool = crate::pool(plan.threads)?;
-    let buffers = Buffers::default();
+    let buffers = Buffers::reserved(plan.octets, plan.octet_payload_bytes);
     let durable = AtomicU64::new(earlier.octets);
     let mut writing = Writing {
         tree: Tree::new(plan.geometry, encoder.rules.empty_value, pending),

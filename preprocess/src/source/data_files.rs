@@ -4,13 +4,12 @@
 //! Where the volume lies in one file, it is mapped or a stream; where it is spread over several, slices
 //! are read one by one from the files they lie in.
 
-use super::map::map_file;
-use super::stream::Pick;
-use super::{Place, SliceFiles, SourceError, StreamCoding, StreamPlace};
+use super::data_pieces::{Piece, PieceSlices};
+use super::world::World;
+use super::{Found, Place, Source, SourceError, StoredFormat, StreamCoding};
 use octree_store::{Geometry, SampleType};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Numbers side by side, in the order of the data.
@@ -58,14 +57,14 @@ pub(super) struct DataFiles {
 
 /// Voxels that have been found.
 #[derive(Debug)]
-pub(super) struct Placed {
-    pub(super) place: Place,
+struct Placed {
+    place: Place,
     /// Whether what the place gives is big-endian.
-    pub(super) big_endian: bool,
+    big_endian: bool,
     /// Bytes of all files.
-    pub(super) bytes: u64,
+    bytes: u64,
     /// The header, and the files of the data.
-    pub(super) files: Vec<PathBuf>,
+    files: Vec<PathBuf>,
 }
 
 impl ArrayShape {
@@ -86,11 +85,11 @@ impl ArrayShape {
             })
     }
 
-    fn slice_bytes(&self) -> u64 {
+    pub(super) fn slice_bytes(&self) -> u64 {
         self.dims_xyz[0] * self.dims_xyz[1] * self.components * self.stored.bytes() as u64
     }
 
-    fn sample_bytes(&self) -> usize {
+    pub(super) fn sample_bytes(&self) -> usize {
         self.stored.bytes()
     }
 }
@@ -145,9 +144,21 @@ pub(super) fn beside(header: &Path, name: &str) -> Result<PathBuf, SourceError> 
 }
 
 impl DataFiles {
+    /// Finds the voxels of an array's volume that lies so in the world.
+    pub(super) fn open(self, shape: &ArrayShape, world: World) -> Result<Source, SourceError> {
+        let path = self.header.clone();
+        let Placed { place, big_endian, bytes, files } = self.place(shape)?;
+        let World { spacing_xyz, unit, affine, notes } = world;
+        let format = StoredFormat { stored: shape.stored, big_endian, scaling: None };
+        let dims_xyz = shape.dims_xyz;
+        let found =
+            Found { dims_xyz, spacing_xyz, unit, affine, path, bytes, notes, files, format, place };
+        Ok(found.into())
+    }
+
     /// Finds the voxels; every file is checked to be as long as it must be, or, where it is coded, as it
     /// must be at least.
-    pub(super) fn place(self, shape: &ArrayShape) -> Result<Placed, SourceError> {
+    fn place(self, shape: &ArrayShape) -> Result<Placed, SourceError> {
         let total = shape.total_bytes(&self.header)?;
         let count = self.paths.len() as u64;
         if count == 0 || !total.is_multiple_of(count) {
@@ -241,135 +252,6 @@ impl DataFiles {
             return Err(truncated());
         }
         piece(after_lines, skipped)
-    }
-}
-
-/// One of the files.
-#[derive(Debug, Clone)]
-struct Piece {
-    path: PathBuf,
-    /// Where the data, coded or not, begin.
-    file_offset: u64,
-    /// Decoded bytes before the first voxel.
-    decoded_skip: u64,
-}
-
-/// Slices of a volume that is spread over several files.
-#[derive(Debug)]
-struct PieceSlices {
-    pieces: Vec<Piece>,
-    coding: Option<StreamCoding>,
-    /// Decoded bytes of each.
-    piece_bytes: u64,
-    /// The volume's first byte in all of them together.
-    first: u64,
-    shape: ArrayShape,
-    big_endian: bool,
-}
-
-impl PieceSlices {
-    fn pick(&self, after: u64) -> Option<Pick> {
-        let sample = self.shape.sample_bytes();
-        (self.shape.components > 1).then(|| Pick {
-            after,
-            group: self.shape.components * sample as u64,
-            first: self.shape.component * sample as u64,
-            length: sample,
-        })
-    }
-
-    /// The volume where it lies in one file.
-    fn in_one_piece(
-        &self,
-        index: usize,
-        offset: u64,
-        volume_bytes: u64,
-    ) -> Result<Place, SourceError> {
-        let Piece { path, file_offset, decoded_skip } = self.pieces[index].clone();
-        if self.coding.is_none() && self.shape.components == 1 {
-            let map =
-                map_file(&path).map_err(|source| SourceError::Io { path: path.clone(), source })?;
-            return Ok(Place::Mapped { map, offset: file_offset + offset });
-        }
-        let pick = self.pick(decoded_skip);
-        let offset =
-            if pick.is_some() { offset / self.shape.components } else { decoded_skip + offset };
-        Ok(Place::Stream(StreamPlace {
-            path,
-            file_offset,
-            coding: self.coding.unwrap_or(StreamCoding::Plain),
-            pick,
-            offset,
-            ends_with_volume: offset_ends(self.first + volume_bytes, self.piece_bytes),
-        }))
-    }
-
-    /// Reads bytes of all files together.
-    fn read(&self, range: Range<u64>, out: &mut [u8]) -> Result<(), SourceError> {
-        let (mut at, mut out) = (range.start, out);
-        while at < range.end {
-            let piece = &self.pieces[(at / self.piece_bytes) as usize];
-            let within = at % self.piece_bytes;
-            let count = (self.piece_bytes - within).min(range.end - at);
-            let (part, rest) = out.split_at_mut(count as usize);
-            self.read_piece(piece, within, part)?;
-            (at, out) = (at + count, rest);
-        }
-        Ok(())
-    }
-
-    fn read_piece(&self, piece: &Piece, within: u64, out: &mut [u8]) -> Result<(), SourceError> {
-        let Piece { path, file_offset, decoded_skip } = piece;
-        let place = StreamPlace {
-            path: path.clone(),
-            file_offset: *file_offset,
-            coding: self.coding.unwrap_or(StreamCoding::Plain),
-            pick: None,
-            offset: 0,
-            ends_with_volume: false,
-        };
-        if self.coding.is_none() {
-            let plain = StreamPlace { file_offset: file_offset + within, ..place };
-            return plain.open()?.read(out);
-        }
-        let mut stream = place.open()?;
-        stream.skip(decoded_skip + within)?;
-        stream.read(out)?;
-        if within + out.len() as u64 == self.piece_bytes { stream.finish() } else { Ok(()) }
-    }
-}
-
-/// Whether a volume that ends at this byte of all ends its file.
-fn offset_ends(end: u64, piece_bytes: u64) -> bool {
-    end.is_multiple_of(piece_bytes)
-}
-
-impl SliceFiles for PieceSlices {
-    fn read_slice(&self, z: u64, bytes: &mut [u8]) -> Result<(), SourceError> {
-        let slice = self.shape.slice_bytes();
-        let start = self.first + z * slice;
-        let sample = self.shape.sample_bytes();
-        if self.shape.components == 1 {
-            self.read(start..start + slice, bytes)?;
-        } else {
-            let mut all = vec![0; slice as usize];
-            self.read(start..start + slice, &mut all)?;
-            let first = self.shape.component as usize * sample;
-            let groups = all.chunks_exact(self.shape.components as usize * sample);
-            for (out, group) in bytes.chunks_exact_mut(sample).zip(groups) {
-                out.copy_from_slice(&group[first..first + sample]);
-            }
-        }
-        if self.big_endian {
-            bytes.chunks_exact_mut(sample).for_each(<[u8]>::reverse);
-        }
-        Ok(())
-    }
-
-    fn decode_bytes(&self) -> u64 {
-        let picked = if self.shape.components > 1 { self.shape.slice_bytes() } else { 0 };
-        // bzip2 keeps blocks of 900 kB; all others need less.
-        picked + if self.coding.is_some() { 1 << 22 } else { 1 << 16 }
     }
 }
 

@@ -34,6 +34,13 @@ pub enum SourceError {
         /// The path.
         path: PathBuf,
     },
+    /// A pipe, a socket or a device.
+    #[error("{}: this is a pipe, a socket or a device, and sources must be regular files or folders of them: \
+        write it to a file first", path.display())]
+    NoFile {
+        /// The path.
+        path: PathBuf,
+    },
     /// The file's kind is not known.
     #[error("{}: cannot tell what kind of volume this is: expected a name ending in .nii, .nii.gz, \
         .hdr, .img (or their .gz), .nrrd, .nhdr, .mha, .mhd, .dcm, .tif, .tiff, .png or \

@@ -24,7 +24,9 @@ impl Format {
     pub(super) fn of(path: &Path, options: &SourceOptions) -> Result<Self, SourceError> {
         match std::fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => Ok(Self::Folder),
-            Ok(_) => Ok(Self::of_file(path, options)),
+            Ok(metadata) if metadata.is_file() => Ok(Self::of_file(path, options)),
+            // To open a pipe would wait for one who writes to it.
+            Ok(_) => Err(SourceError::NoFile { path: path.to_owned() }),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 if stack::is_pattern(path) {
                     Ok(Self::Pattern)
@@ -78,6 +80,11 @@ impl Format {
             Self::Pattern => Some("a pattern"),
             Self::Raw => None,
         }
+    }
+
+    /// Whether it can hold DICOM series.
+    pub(super) fn may_have_series(self) -> bool {
+        matches!(self, Self::Dicom | Self::Folder | Self::Pattern)
     }
 
     /// Opens it.

@@ -18,7 +18,7 @@ impl RawName {
     /// Reads a name like `tooth_103x94x161_u16.raw`; the type may be long (`uint16`) and may name its
     /// byte order (`uint16be`). `None` where the name has another shape.
     pub fn parse(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".raw")?;
         let (rest, sample_type) = name.rsplit_once('_')?;
         let dims = rest.rsplit_once('_').map_or(rest, |(_, dims)| dims);

@@ -4,6 +4,17 @@
 
 use octree_store::LengthUnit;
 
+/// Size, unit and place of a volume's voxels, as far as its header says them.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct World {
+    pub(super) spacing_xyz: [f64; 3],
+    pub(super) unit: LengthUnit,
+    /// Right-anterior-superior.
+    pub(super) affine: Option<[[f64; 4]; 4]>,
+    /// What the user should know.
+    pub(super) notes: Vec<String>,
+}
+
 /// The identity but for columns: voxel axes in world units a voxel, and the first voxel's centre.
 pub(super) fn affine(axes: [[f64; 3]; 3], origin: [f64; 3]) -> [[f64; 4]; 4] {
     let row = |i: usize| [axes[0][i], axes[1][i], axes[2][i], origin[i]];

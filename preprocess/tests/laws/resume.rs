@@ -248,3 +248,24 @@ fn damaged_work_is_not_gone_on_with() {
     assert!(matches!(bench.convert(&options(RESUME), &NoProgress), Err(PreprocessError::Store(_))));
     assert_eq!(bench.left().len(), 3);
 }
+
+#[test]
+fn work_that_was_ended_before_its_index_was_ready_begins_anew() {
+    let bench = Bench::raw();
+    let whole = undisturbed(&bench);
+    let work = || {
+        bench.convert(&options(Start::Fresh), &EndAfter::octets(9, false)).unwrap_err();
+        let mut index = bench.output().into_os_string();
+        index.push(".index");
+        PathBuf::from(index)
+    };
+    // redb makes room first, and writes the bytes by which it knows its files last.
+    for first in [&[0; 9][..], &[], &[0; 4096]] {
+        let index = work();
+        fs::write(&index, first).unwrap();
+        let done = bench.convert(&options(Start::Resume), &NoProgress).unwrap();
+        assert_eq!((done.resumed_bricks, &done.metadata.digest), (0, &whole.metadata.digest));
+        assert_eq!(bench.left(), ["a.octavo"]);
+        fs::remove_file(bench.output()).unwrap();
+    }
+}

@@ -11,7 +11,9 @@ use crate::exit::{Answer, code_of_error, message};
 use crate::progress::{Bar, stopped};
 use preprocess::{Conversion, ConversionPlan, ConvertOptions, convert};
 use serde::Serialize;
+use std::ffi::OsStr;
 use std::io::{self, BufRead, Write};
+use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -43,11 +45,12 @@ struct Line<'a> {
 pub(super) fn read_list(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let read = |reader: &mut dyn BufRead| {
         let mut inputs = Vec::new();
-        for line in reader.lines() {
+        // Names are bytes, and not all of them are UTF-8.
+        for line in reader.split(b'\n') {
             let line = line?;
-            let name = line.trim();
-            if !name.is_empty() && !name.starts_with('#') {
-                inputs.push(PathBuf::from(name));
+            let name = line.trim_ascii();
+            if !name.is_empty() && !name.starts_with(b"#") {
+                inputs.push(PathBuf::from(OsStr::from_bytes(name)));
             }
         }
         Ok::<_, io::Error>(inputs)

@@ -279,6 +279,7 @@ impl Convert {
             roi: self.roi,
             time: self.series.time,
             channel: self.series.channel,
+            series: self.series.series.clone(),
             threads: self.threads.map_or(defaults.threads, usize::from),
             memory_bytes: self.memory,
             scratch: self.scratch.clone(),

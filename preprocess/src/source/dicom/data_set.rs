@@ -75,7 +75,11 @@ impl DataSet {
             found.root.text(TRANSFER_SYNTAX).unwrap_or_else(|| IMPLICIT_LITTLE.to_owned());
         let uid = found.transfer_syntax.as_str();
         if uid == DEFLATED {
-            let error = DicomError::TransferSyntax { uid: uid.to_owned(), name: "deflated" };
+            let error = DicomError::TransferSyntax {
+                uid: uid.to_owned(),
+                name: "deflated",
+                remedy: "'dcmconv +te IN OUT' of DCMTK or 'gdcmconv --raw IN OUT' of GDCM",
+            };
             return Err(WalkError::Dicom(error));
         }
         walk.explicit = uid != IMPLICIT_LITTLE;

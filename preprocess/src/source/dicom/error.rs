@@ -35,13 +35,15 @@ pub enum DicomError {
     /// Pixels that are coded in a way that is not read.
     #[error(
         "its pixels are {name} (transfer syntax {uid}), which cannot be read here: decompress it first, as \
-         with dcmdjpeg or gdcmconv --raw"
+         with {remedy}"
     )]
     TransferSyntax {
         /// Its UID.
         uid: String,
         /// Its name.
         name: &'static str,
+        /// A program that decompresses it.
+        remedy: &'static str,
     },
     /// Colours.
     #[error(
@@ -54,11 +56,19 @@ pub enum DicomError {
         samples: u32,
     },
     /// More than one series.
-    #[error("there are {count} series in it: give each a folder of its own: {list}")]
+    #[error("there are {count} series in it, and a volume is one: choose by --series UID: {list}")]
     SeveralSeries {
         /// How many.
         count: usize,
         /// What they are.
+        list: String,
+    },
+    /// A series that is not there.
+    #[error("there is no series {asked} in it: --series takes one of {list}")]
+    NoSuchSeries {
+        /// The UID that was asked for.
+        asked: String,
+        /// What there is.
         list: String,
     },
     /// A slice that is unlike the first one.

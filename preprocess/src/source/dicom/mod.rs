@@ -63,7 +63,8 @@ pub(super) fn open(
     for path in paths {
         images.extend(image::read(&path)?);
     }
-    one_series(&images).map_err(|source| refused((PathBuf::new(), source)))?;
+    let chosen = choose_series(&mut images, options.series.as_deref())
+        .map_err(|source| refused((PathBuf::new(), source)))?;
     let Arranged { order, spacing_xyz, affine, mut notes } =
         series::arrange(&images, options.allow_gaps).map_err(refused)?;
     let [first, ..] = images.as_slice() else {
@@ -72,6 +73,7 @@ pub(super) fn open(
     let dims_xyz = [first.format.columns, first.format.rows, order.len() as u64];
     Geometry::new(dims_xyz, 128, 0)
         .map_err(|source| SourceError::Geometry { path: given.to_owned(), source })?;
+    notes.extend(chosen);
     if images.iter().any(|image| image.inverse) {
         notes.push(
             "its small values are meant to be bright (MONOCHROME1): values stay as stored".into(),
@@ -93,27 +95,44 @@ pub(super) fn open(
     Ok(found.into())
 }
 
-/// Checks that all images are of one series.
-fn one_series(images: &[Image]) -> Result<(), DicomError> {
+/// Keeps the images of the series that is asked for, or of the only one there is; says which where it left
+/// others out.
+fn choose_series(
+    images: &mut Vec<Image>,
+    asked: Option<&str>,
+) -> Result<Option<String>, DicomError> {
     let mut series = BTreeMap::new();
-    for image in images {
+    for image in images.iter() {
         let (count, _) = series.entry(&image.series).or_insert((0, &image.description));
         *count += image.frames.len();
     }
-    if series.len() <= 1 {
-        return Ok(());
+    let list = || {
+        let shown = series.iter().take(10).map(|(uid, (count, description))| {
+            format!(
+                "{uid} ({count} slices{}{description})",
+                if description.is_empty() { "" } else { ", " }
+            )
+        });
+        let mut list = shown.collect::<Vec<_>>().join("; ");
+        if series.len() > 10 {
+            list.push_str("; ...");
+        }
+        list
+    };
+    let count = series.len();
+    let Some(asked) = asked else {
+        return if count <= 1 {
+            Ok(None)
+        } else {
+            Err(DicomError::SeveralSeries { count, list: list() })
+        };
+    };
+    if !series.keys().any(|uid| *uid == asked) {
+        return Err(DicomError::NoSuchSeries { asked: asked.to_owned(), list: list() });
     }
-    let shown = series.iter().take(10).map(|(uid, (count, description))| {
-        format!(
-            "{uid} ({count} slices{}{description})",
-            if description.is_empty() { "" } else { ", " }
-        )
-    });
-    let mut list = shown.collect::<Vec<_>>().join("; ");
-    if series.len() > 10 {
-        list.push_str("; ...");
-    }
-    Err(DicomError::SeveralSeries { count: series.len(), list })
+    images.retain(|image| image.series == asked);
+    let note = format!("it holds {count} series: {asked} is used (--series chooses another)");
+    Ok((count > 1).then_some(note))
 }
 
 /// What the slices give.

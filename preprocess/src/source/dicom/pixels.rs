@@ -35,7 +35,14 @@ pub(super) fn coding(uid: &str) -> Result<Coding, DicomError> {
         _ if uid.starts_with("1.2.840.10008.1.2.4.10") => "a film",
         _ => "coded in a way that is not known here",
     };
-    Err(DicomError::TransferSyntax { uid: uid.to_owned(), name })
+    let remedy = match name {
+        "JPEG-LS" => "'dcmdjpls IN OUT' of DCMTK or 'gdcmconv --raw IN OUT' of GDCM",
+        "JPEG 2000" => "'gdcmconv --raw IN OUT' of GDCM",
+        "High-Throughput JPEG 2000" | "JPEG XL" => "the program that wrote it, or pydicom",
+        "a film" => "the program that wrote it: its frames are no volume",
+        _ => "'dcmconv +te IN OUT' of DCMTK or 'gdcmconv --raw IN OUT' of GDCM",
+    };
+    Err(DicomError::TransferSyntax { uid: uid.to_owned(), name, remedy })
 }
 
 /// What the pixels of an image are.

@@ -13,7 +13,8 @@ pub use error::MetaImageError;
 
 use super::data_files::{self, ArrayShape, DataFiles, DataStart};
 use super::numbered::NumberedName;
-use super::{Found, Source, SourceError, SourceOptions, StoredFormat, StreamCoding, world};
+use super::world::{self, World};
+use super::{Source, SourceError, SourceOptions, StreamCoding};
 use header::{Data, Header, LONGEST_HEADER};
 use octree_store::{LengthUnit, SampleType};
 use std::array::from_fn;
@@ -54,9 +55,14 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
         volumes: dim(3),
         volume: time,
     };
+    let mut world = world_of(&header);
+    world.notes.extend(data_files::choice_note([dim(3), channels], [time, channel]));
+    data_files(path, &header)?.open(&shape, world)
+}
+
+/// What a header says of the world. ITK's unit is the millimetre; a header may name another.
+fn world_of(header: &Header) -> World {
     let mut notes = Vec::new();
-    notes.extend(data_files::choice_note([dim(3), channels], [time, channel]));
-    // ITK's unit is the millimetre; a header may name another.
     let (unit, factor) = match header.unit.as_deref().filter(|unit| *unit != "?") {
         None => (LengthUnit::Mm, 1.0),
         Some(name) => world::length_unit(name).unwrap_or_else(|| {
@@ -67,29 +73,11 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
             (LengthUnit::Mm, 1.0)
         }),
     };
-    let spacing: [f64; 3] = from_fn(|axis| {
+    let spacing_xyz: [f64; 3] = from_fn(|axis| {
         let size = header.spacing.get(axis).map_or(1.0, |size| size.abs());
         if size.is_finite() && size > 0.0 { size * factor } else { factor }
     });
-    let affine = affine(&header, spacing, factor);
-    let placed = data_files(path, &header)?.place(&shape)?;
-    let found = Found {
-        dims_xyz: shape.dims_xyz,
-        spacing_xyz: spacing,
-        unit,
-        affine,
-        path: path.to_owned(),
-        bytes: placed.bytes,
-        notes,
-        files: placed.files,
-        format: StoredFormat {
-            stored: header.stored,
-            big_endian: placed.big_endian,
-            scaling: None,
-        },
-        place: placed.place,
-    };
-    Ok(found.into())
+    World { spacing_xyz, unit, affine: affine(header, spacing_xyz, factor), notes }
 }
 
 /// Voxel to world, right-anterior-superior, where the header says anything of it.

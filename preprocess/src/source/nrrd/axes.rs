@@ -1,6 +1,6 @@
 //! Which of an NRRD array's axes are x, y and z, and how they lie in the world.
 
-use super::super::world;
+use super::super::world::{self, World};
 use super::{Header, NrrdError};
 use octree_store::LengthUnit;
 
@@ -82,19 +82,10 @@ impl Axes {
     }
 }
 
-/// Size, unit and place of a volume's voxels.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct World {
-    pub(super) spacing_xyz: [f64; 3],
-    pub(super) unit: LengthUnit,
-    /// Right-anterior-superior.
-    pub(super) affine: Option<[[f64; 4]; 4]>,
-    pub(super) notes: Vec<String>,
-}
-
 impl World {
-    /// What a header says of these axes: directions, or else spacings, or else thicknesses.
-    pub(super) fn of(header: &Header, axes: &Axes) -> Self {
+    /// What an NRRD header says of these axes: directions, or else spacings, or else where
+    /// axes begin and end, or else thicknesses.
+    pub(super) fn of_nrrd(header: &Header, axes: &Axes) -> Self {
         let mut notes = Vec::new();
         let directions = directions(header, axes);
         let (unit, factor) = unit(header, axes).unwrap_or_else(|| {
@@ -107,7 +98,8 @@ impl World {
             let spacing = header.spacings.get(axis).map(|s| s.abs());
             let thickness = header.thicknesses.get(axis).map(|s| s.abs());
             let good = |size: &f64| size.is_finite() && *size > 0.0;
-            if let Some(found) = [direction, spacing].into_iter().flatten().find(good) {
+            let extent = extent(header, axis);
+            if let Some(found) = [direction, spacing, extent].into_iter().flatten().find(good) {
                 *size = found * factor;
             } else if let Some(found) = thickness.filter(good) {
                 notes.push(format!(
@@ -124,6 +116,15 @@ impl World {
         };
         Self { spacing_xyz, unit, affine: affine.map(scaled).and_then(world::finite), notes }
     }
+}
+
+/// The distance of samples on an axis that begins and ends somewhere: at its first and last sample, or, if
+/// nothing else is said, as in Teem, at the borders of their cells.
+fn extent(header: &Header, axis: usize) -> Option<f64> {
+    let (min, max) = header.axis_mins.get(axis).zip(header.axis_maxs.get(axis))?;
+    let nodes = header.centers.get(axis).is_some_and(|center| center == "node");
+    let steps = header.sizes[axis] - u64::from(nodes);
+    Some((max - min).abs() / steps as f64)
 }
 
 /// The space's axes that point the other way than right, anterior, superior. Spaces that are no

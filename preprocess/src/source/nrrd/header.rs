@@ -47,6 +47,11 @@ pub(super) struct Header {
     pub(super) kinds: Vec<String>,
     pub(super) spacings: Vec<f64>,
     pub(super) thicknesses: Vec<f64>,
+    /// Where each axis begins and ends, NaN where it does not say so; one an axis, or none at all.
+    pub(super) axis_mins: Vec<f64>,
+    pub(super) axis_maxs: Vec<f64>,
+    /// Lower case: `node` where an axis begins and ends at samples, else at the borders of their cells.
+    pub(super) centers: Vec<String>,
     /// The names of each axis's unit.
     pub(super) units: Vec<String>,
     /// Lower case.
@@ -58,7 +63,7 @@ pub(super) struct Header {
 }
 
 /// The fields that are looked at; spaces in names do not matter.
-const FIELDS: [&str; 17] = [
+const FIELDS: [&str; 20] = [
     "type",
     "dimension",
     "sizes",
@@ -70,6 +75,9 @@ const FIELDS: [&str; 17] = [
     "kinds",
     "spacings",
     "thicknesses",
+    "axis mins",
+    "axis maxs",
+    "centers",
     "units",
     "space",
     "space dimension",
@@ -190,6 +198,8 @@ impl Header {
         };
         let spacings = numbers("spacings")?;
         let thicknesses = numbers("thicknesses")?;
+        let [axis_mins, axis_maxs] = [numbers("axis mins")?, numbers("axis maxs")?];
+        let centers = words("centers", true)?;
         let directions = match get("space directions") {
             Some(text) => vectors(text)
                 .ok_or_else(|| wrong("space directions", "vectors (x,y,z), or none"))?,
@@ -205,6 +215,9 @@ impl Header {
             ("kinds", kinds.len()),
             ("spacings", spacings.len()),
             ("thicknesses", thicknesses.len()),
+            ("axis mins", axis_mins.len()),
+            ("axis maxs", axis_maxs.len()),
+            ("centers", centers.len()),
             ("space directions", directions.len()),
         ] {
             if count > 0 {
@@ -228,6 +241,9 @@ impl Header {
             kinds,
             spacings,
             thicknesses,
+            axis_mins,
+            axis_maxs,
+            centers,
             units: quoted(get("units").unwrap_or("")),
             space: get("space").map(str::to_lowercase),
             space_units: quoted(get("space units").unwrap_or("")),
@@ -253,7 +269,7 @@ fn field(line: usize, text: &str) -> Result<Option<(&'static str, String)>, Nrrd
         return Ok(None);
     }
     let name = compact(name);
-    // "centers" and the like describe nothing that is needed here.
+    let name = if name == "centerings" { "centers" } else { &name };
     let known = FIELDS.into_iter().find(|known| compact(known) == name);
     Ok(known.map(|known| (known, value.trim().to_owned())))
 }

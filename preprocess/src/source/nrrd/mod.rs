@@ -13,8 +13,9 @@ pub use error::NrrdError;
 
 use super::data_files::{self, ArrayShape, DataFiles, DataStart};
 use super::numbered::NumberedName;
-use super::{Found, Source, SourceError, SourceOptions, StoredFormat, StreamCoding};
-use axes::{Axes, Series, World};
+use super::world::World;
+use super::{Source, SourceError, SourceOptions, StreamCoding};
+use axes::{Axes, Series};
 use header::{Data, Encoding, Header, LONGEST_HEADER};
 use std::path::{Path, PathBuf};
 
@@ -35,26 +36,9 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let header = Header::parse(&data_files::read_start(path, LONGEST_HEADER)?).map_err(wrong)?;
     let axes = Axes::of(&header).map_err(wrong)?;
     let (shape, choice) = choose(path, &header, &axes, options)?;
-    let World { spacing_xyz, unit, affine, mut notes } = World::of(&header, &axes);
-    notes.extend(choice);
-    let placed = data_files(path, &header)?.place(&shape)?;
-    let found = Found {
-        dims_xyz: axes.dims_xyz,
-        spacing_xyz,
-        unit,
-        affine,
-        path: path.to_owned(),
-        bytes: placed.bytes,
-        notes,
-        files: placed.files,
-        format: StoredFormat {
-            stored: header.stored,
-            big_endian: placed.big_endian,
-            scaling: None,
-        },
-        place: placed.place,
-    };
-    Ok(found.into())
+    let mut world = World::of_nrrd(&header, &axes);
+    world.notes.extend(choice);
+    data_files(path, &header)?.open(&shape, world)
 }
 
 /// The one volume that is asked for.

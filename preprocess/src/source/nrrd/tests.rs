@@ -1,7 +1,8 @@
 //! NRRD's rules, one by one.
 
 use super::super::world;
-use super::axes::{Axes, World};
+use super::super::world::World;
+use super::axes::Axes;
 use super::header::{Data, Encoding, Header};
 use super::*;
 use octree_store::{LengthUnit, SampleType};
@@ -190,7 +191,7 @@ fn axes_are_sorted_by_kind_direction_and_spacing() {
 fn every_space_becomes_right_anterior_superior() {
     let world = |lines: &str| {
         let header = with(lines).unwrap();
-        World::of(&header, &Axes::of(&header).unwrap())
+        World::of_nrrd(&header, &Axes::of(&header).unwrap())
     };
     let lines = "space directions: (2,0,0) (0,3,0) (0,0,4)\nspace origin: (10,20,30)";
     for (space, [x, y]) in [
@@ -219,6 +220,16 @@ fn every_space_becomes_right_anterior_superior() {
     let found = world("spacings: 1 NaN 0\nthicknesses: 5 6 7\nunits: \"um\" \"um\" \"mm\"");
     assert_eq!((found.unit, found.spacing_xyz), (LengthUnit::Mm, [1.0, 6.0, 7.0]));
     assert_eq!(found.notes.len(), 3);
+    // Teem's rule: from border to border of SIZES cells, or from the first sample to the last.
+    let header =
+        with("axis mins: 0 10 0\naxis maxs: 8 -6 NaN\ncenterings: cell node cell").unwrap();
+    let [x, y, _] = [0, 1, 2].map(|axis| header.sizes[axis] as f64);
+    let found = World::of_nrrd(&header, &Axes::of(&header).unwrap());
+    assert_eq!(found.spacing_xyz, [8.0 / x, 16.0 / (y - 1.0), 1.0]);
+    assert_eq!(found.affine, None);
+    let found = world("axis mins: 0 0 0\naxis maxs: 8 8 8\nspacings: 3 NaN 3");
+    assert_eq!(found.spacing_xyz, [3.0, 8.0 / y, 3.0], "spacings come first, and cells are usual");
+    assert!(with("axis mins: 0 0").is_err());
     let found = world("space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,nan)");
     assert_eq!(found.affine, None);
     assert_eq!(world::length([3.0, 4.0, 12.0]), 13.0);
@@ -229,7 +240,7 @@ fn a_slice_in_space_gets_a_third_axis() {
     let lines = "type: uchar\nencoding: raw\ndimension: 2\nsizes: 4 3\nspace: RAS\n\
         space directions: (0,2,0) (0,0,3)\nspace origin: (1,1,1)";
     let header = parse(lines).unwrap();
-    let world = World::of(&header, &Axes::of(&header).unwrap());
+    let world = World::of_nrrd(&header, &Axes::of(&header).unwrap());
     assert_eq!(world.spacing_xyz, [2.0, 3.0, 1.0]);
     assert_eq!(world.affine.map(|rows| rows[0]), Some([0.0, 0.0, 1.0, 1.0]));
 }

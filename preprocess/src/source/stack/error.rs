@@ -9,12 +9,20 @@ use thiserror::Error;
 pub enum StackError {
     /// There is no slice in it.
     #[error(
-        "there are no slices in it: files ending in .tif, .tiff or .png are expected, and {others} other files \
-        were found"
+        "there are no slices in it: files ending in .tif, .tiff or .png, or DICOM files, here or in folders \
+        below, are expected, and {others} other files were found"
     )]
     Empty {
         /// Files of other kinds.
         others: usize,
+    },
+    /// A series is asked for of what has none.
+    #[error(
+        "--series {series} chooses one of DICOM's series, and there are no DICOM files in it: leave it out"
+    )]
+    NotDicom {
+        /// The series.
+        series: String,
     },
     /// No file matches the pattern.
     #[error("no file matches this pattern")]

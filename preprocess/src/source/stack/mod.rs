@@ -84,10 +84,19 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let count = found.len();
     // Pictures win: one that looks at them wants them.
     if !found.iter().any(|file| SliceKind::of(file).is_some()) {
-        let series: Vec<_> = found.iter().filter(|file| dicom::is_dicom(file)).cloned().collect();
+        let is_image = |file: &&PathBuf| dicom::is_dicom(file) && !is_directory_file(file);
+        let mut series: Vec<_> = found.iter().filter(is_image).cloned().collect();
+        // Scanners and archives put each series into folders below.
+        if series.is_empty() && path.is_dir() {
+            series =
+                files_below(path, FOLDERS_DOWN)?.into_iter().filter(|f| is_image(&f)).collect();
+        }
         if !series.is_empty() {
             return dicom::open(series, path, options);
         }
+    }
+    if let Some(series) = &options.series {
+        return Err(refuse(StackError::NotDicom { series: series.clone() }));
     }
     let (slices, others): (Vec<_>, Vec<_>) =
         found.into_iter().partition(|file| SliceKind::of(file).is_some());
@@ -114,6 +123,29 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
 /// Opens a single PNG file: a volume of one slice.
 pub(super) fn open_png(path: &Path, options: &SourceOptions) -> Result<Source, SourceError> {
     open_files(path, SliceKind::Png, vec![path.to_owned()], Vec::new(), options)
+}
+
+/// How many folders one in the other are searched for DICOM files.
+const FOLDERS_DOWN: usize = 8;
+
+/// Whether a DICOM file only lists others.
+fn is_directory_file(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.eq_ignore_ascii_case("DICOMDIR"))
+}
+
+/// The files of the folders below one; links to folders are not followed, which may lead round.
+fn files_below(folder: &Path, depth: usize) -> Result<Vec<PathBuf>, SourceError> {
+    let io_error = |source| SourceError::Io { path: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io_error)? {
+        let entry = entry.map_err(io_error)?;
+        if entry.file_type().map_err(io_error)?.is_dir() && !is_litter(&entry.path()) && depth > 0 {
+            files.extend(files_of_folder(&entry.path())?);
+            files.extend(files_below(&entry.path(), depth - 1)?);
+        }
+    }
+    files.sort_unstable();
+    Ok(files)
 }
 
 /// The files of a folder, hidden ones and those that systems leave apart.

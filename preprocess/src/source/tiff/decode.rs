@@ -3,7 +3,7 @@
 
 use super::TiffError;
 use super::page::Page;
-use super::samples::RowFix;
+use super::samples::{RowFix, widen};
 use std::io::{self, BufReader, Read};
 
 /// Bytes that are decoded at a time where rows are short.
@@ -20,12 +20,15 @@ pub(super) fn decode(page: &Page<'_>, window_log: u32, slice: &mut [u8]) -> Resu
     let fix = RowFix {
         predictor: page.predictor,
         big_endian: page.big_endian(),
-        sample_bytes: page.kind.stored.bytes(),
+        sample_bytes: page.sample_bytes(),
     };
     let mut spare = Vec::new();
     for index in 0..page.chunks() {
-        let stored = page.chunk(index)?;
-        let chunk = page.compression.reader(stored, window_log);
+        // Zeros predict zeros: what was left out is nothing but them.
+        let chunk = match page.chunk(index)? {
+            Some(stored) => page.compression.reader(stored, window_log),
+            None => Ok(Box::new(io::repeat(0)) as Box<dyn Read>),
+        };
         let decoded =
             chunk.and_then(|chunk| decode_chunk(page, index, chunk, fix, &mut spare, slice));
         decoded.map_err(|error| {
@@ -48,11 +51,12 @@ fn decode_chunk(
     slice: &mut [u8],
 ) -> io::Result<()> {
     let row_bytes = page.chunk_row_bytes() as usize;
-    let slice_row = page.kind.dims_xy[0] as usize * fix.sample_bytes;
+    let sample = page.kind.stored.bytes();
+    let slice_row = page.kind.dims_xy[0] as usize * sample;
     let rows = page.rows_in_picture(index) as usize;
     let first_row = (index / page.grid_xy[0] * page.chunk_xy[1]) as usize;
-    let left = (index % page.grid_xy[0]) as usize * row_bytes;
-    let wanted = row_bytes.min(slice_row - left);
+    let left = (index % page.grid_xy[0] * page.chunk_xy[0]) as usize * sample;
+    let wanted = (page.chunk_xy[0] as usize * sample).min(slice_row - left);
     let slice = &mut slice[first_row * slice_row..(first_row + rows) * slice_row];
     // What follows is of no use, but for the checksum behind it.
     let beyond = (page.chunk_xy[1] - rows as u64) * row_bytes as u64 + 1;
@@ -67,7 +71,12 @@ fn decode_chunk(
         for out in slice.chunks_exact_mut(slice_row) {
             reader.read_exact(&mut row)?;
             fix.fix(&mut row, spare);
-            out[left..left + wanted].copy_from_slice(&row[..wanted]);
+            let out = &mut out[left..left + wanted];
+            if page.half {
+                widen(&row, out);
+            } else {
+                out.copy_from_slice(&row[..wanted]);
+            }
         }
     }
     if page.compression.has_checksum() {

@@ -32,6 +32,16 @@ impl fmt::Display for TiffPlace {
 /// Why a TIFF file cannot be used.
 #[derive(Debug, Error)]
 pub enum TiffError {
+    /// Rows and columns that do not begin at the top left.
+    #[error(
+        "its Orientation is {found}: its rows or columns are mirrored or exchanged, which some programs heed and \
+         others do not; save it anew with 1, or if its pixels stand as they should, set it by \
+         'tiffset -s 274 1 FILE'"
+    )]
+    Orientation {
+        /// The tag's value.
+        found: u64,
+    },
     /// The file does not begin as TIFF files do.
     #[error("this is no TIFF file: it begins with {found:02x?}")]
     NotTiff {

@@ -183,14 +183,23 @@ impl<'a> Ifd<'a> {
 
     /// A fraction above 0, if there is one.
     pub(super) fn fraction(&self, tag: u16) -> Option<f64> {
+        self.divided(tag, |over, under| over / under)
+    }
+
+    /// What 1 is over a fraction above 0, with one rounding alone.
+    pub(super) fn inverse_fraction(&self, tag: u16) -> Option<f64> {
+        self.divided(tag, |over, under| under / over)
+    }
+
+    fn divided(&self, tag: u16, divide: impl FnOnce(f64, f64) -> f64) -> Option<f64> {
         let values = self.find(tag, "resolution").ok()??;
         let number = |at: usize| {
             let bytes = values.bytes.get(at..at + 4)?;
             Some(unsigned(bytes, values.big_endian) as f64)
         };
         let value = match values.kind {
-            5 => number(0)? / number(4)?,
-            _ => values.get(0)? as f64,
+            5 => divide(number(0)?, number(4)?),
+            _ => divide(values.get(0)? as f64, 1.0),
         };
         (value.is_finite() && value > 0.0).then_some(value)
     }

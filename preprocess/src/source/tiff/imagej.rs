@@ -64,8 +64,8 @@ impl ImageJ {
             Ok(3) => unit_of_word("cm"),
             _ => None,
         };
-        let pixels = [282, 283].map(|tag| ifd.fraction(tag));
-        if scale.is_none() && (pixels == [None; 2] || pixels == [Some(1.0); 2]) {
+        let sizes = [282, 283].map(|tag| ifd.inverse_fraction(tag));
+        if scale.is_none() && (sizes == [None; 2] || sizes == [Some(1.0); 2]) {
             if let Some(z) = self.spacing.filter(|&z| z != 1.0) {
                 let spacing_xyz = [1.0, 1.0, z];
                 return VoxelSize { spacing_xyz, ..VoxelSize::unknown() };
@@ -73,8 +73,8 @@ impl ImageJ {
             return VoxelSize::unknown();
         }
         let mut notes = Vec::new();
-        let x = 1.0 / pixels[0].unwrap_or(1.0);
-        let y = pixels[1].map_or(x, |pixels| 1.0 / pixels);
+        let x = sizes[0].unwrap_or(1.0);
+        let y = sizes[1].unwrap_or(x);
         let z = self.spacing.unwrap_or_else(|| {
             notes.push(
                 "it does not say how far apart slices are: as far as pixels along x is assumed \

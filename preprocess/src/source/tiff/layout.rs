@@ -181,10 +181,13 @@ impl Layout {
                     .into(),
             );
         }
+        if page.half {
+            voxel_size.notes.push("its 16-bit floats are taken as 32-bit ones".into());
+        }
         if page.palette {
             voxel_size.notes.push("its palette only colours its values, and is left out".into());
         }
-        let first = page.chunk(0).unwrap_or(&[]);
+        let first = page.chunk(0).ok().flatten().unwrap_or(&[]);
         let window_log =
             if page.compression == Compression::Zstd { zstd_window_log(first) } else { 0 };
         Self {

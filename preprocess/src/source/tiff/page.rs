@@ -41,6 +41,8 @@ pub(super) struct Page<'a> {
     pub(super) predictor: Predictor,
     /// Whether 0 is meant to be shown white.
     pub(super) min_is_white: bool,
+    /// Whether samples are 16-bit floats, which are given as 32-bit ones.
+    pub(super) half: bool,
     /// Whether it has a palette, which is for showing only.
     pub(super) palette: bool,
     /// Pixels of a strip or tile.
@@ -73,7 +75,11 @@ impl<'a> Page<'a> {
         let photometric = ifd.number_or(262, "PhotometricInterpretation", 1)?;
         let palette = photometric == 3 && grey_palette;
         check_grey(&ifd, photometric, palette)?;
-        let stored = sample_type(&ifd)?;
+        let (stored, half) = sample_type(&ifd)?;
+        let orientation = ifd.number_or(274, "Orientation", 1)?;
+        if (2..=8).contains(&orientation) {
+            return Err(TiffError::Orientation { found: orientation });
+        }
         let fill_order = ifd.number_or(266, "FillOrder", 1)?;
         if fill_order != 1 {
             let expected = "and only 1 is read: save the file anew";
@@ -113,6 +119,7 @@ impl<'a> Page<'a> {
             compression,
             predictor,
             min_is_white,
+            half,
             palette,
             chunk_xy,
             grid_xy,
@@ -141,9 +148,14 @@ impl<'a> Page<'a> {
         self.grid_xy[0] * self.grid_xy[1]
     }
 
+    /// Bytes of a sample as the file has it.
+    pub(super) fn sample_bytes(&self) -> usize {
+        if self.half { 2 } else { self.kind.stored.bytes() }
+    }
+
     /// Bytes of a row of a strip or tile, decoded.
     pub(super) fn chunk_row_bytes(&self) -> u64 {
-        self.chunk_xy[0] * self.kind.stored.bytes() as u64
+        self.chunk_xy[0] * self.sample_bytes() as u64
     }
 
     /// Rows of strip or tile `index` that lie in the picture.
@@ -152,12 +164,17 @@ impl<'a> Page<'a> {
         (self.kind.dims_xy[1] - first).min(self.chunk_xy[1])
     }
 
-    /// The stored bytes of strip or tile `index`, which can hold what is needed of it.
-    pub(super) fn chunk(&self, index: u64) -> Result<&'a [u8], TiffError> {
+    /// The stored bytes of strip or tile `index`, which can hold what is needed of it; `None` where it was
+    /// left out, as writers of sparse files do with zeros: place and length are 0 then.
+    pub(super) fn chunk(&self, index: u64) -> Result<Option<&'a [u8]>, TiffError> {
         let needed = self.rows_in_picture(index) * self.chunk_row_bytes();
         let uncompressed = self.compression == Compression::None;
         let offset = self.offsets.get(index).ok_or(TiffError::Tag { name: "StripOffsets" })?;
-        let count = match self.counts.map(|counts| counts.get(index)) {
+        let count = self.counts.map(|counts| counts.get(index));
+        if offset == 0 && count == Some(Some(0)) {
+            return Ok(None);
+        }
+        let count = match count {
             // Some writers leave out what can be worked out.
             None | Some(Some(0)) if uncompressed => needed,
             Some(Some(count)) => count,
@@ -170,7 +187,7 @@ impl<'a> Page<'a> {
         let what = if self.chunk_name == "tile" { "a tile" } else { "a strip" };
         // Of uncompressed data no more is asked for than is needed: counts are often too large.
         let count = if uncompressed { needed } else { count };
-        self.ifd.file.slice(what, offset, count)
+        self.ifd.file.slice(what, offset, count).map(Some)
     }
 
     /// Checks that every strip or tile lies in the file and is large enough.
@@ -180,10 +197,12 @@ impl<'a> Page<'a> {
 
     /// Where the page's samples begin, if they lie in the file as they are, row by row.
     pub(super) fn plain_offset(&self) -> Option<u64> {
-        if self.compression != Compression::None || self.chunk_xy[0] != self.kind.dims_xy[0] {
+        let whole_rows = self.chunk_xy[0] == self.kind.dims_xy[0];
+        if self.compression != Compression::None || self.half || !whole_rows {
             return None;
         }
-        let first = self.offsets.get(0)?;
+        // No samples lie at the file's first byte: a chunk there was left out.
+        let first = self.offsets.get(0).filter(|&first| first > 0)?;
         let step = self.chunk_xy[1] * self.chunk_row_bytes();
         let follows = |index| self.offsets.get(index) == first.checked_add(index * step);
         (1..self.chunks()).all(follows).then_some(first)
@@ -223,10 +242,11 @@ fn check_grey(ifd: &Ifd<'_>, photometric: u64, palette: bool) -> Result<(), Tiff
     Ok(())
 }
 
-fn sample_type(ifd: &Ifd<'_>) -> Result<SampleType, TiffError> {
+/// The type that samples are given as, and whether they are halves in the file.
+fn sample_type(ifd: &Ifd<'_>) -> Result<(SampleType, bool), TiffError> {
     let bits = ifd.number_or(258, "BitsPerSample", 1)?;
     let format = ifd.number_or(339, "SampleFormat", 1)?;
-    Ok(match (format, bits) {
+    let stored = match (format, bits) {
         // 4 is data of an unknown kind, which readers take for unsigned integers.
         (1 | 4, 8) => SampleType::U8,
         (1 | 4, 16) => SampleType::U16,
@@ -234,7 +254,7 @@ fn sample_type(ifd: &Ifd<'_>) -> Result<SampleType, TiffError> {
         (2, 8) => SampleType::I8,
         (2, 16) => SampleType::I16,
         (2, 32) => SampleType::I32,
-        (3, 32) => SampleType::F32,
+        (3, 16 | 32) => SampleType::F32,
         (3, 64) => SampleType::F64,
         (format, bits) => {
             let name = match format {
@@ -246,7 +266,8 @@ fn sample_type(ifd: &Ifd<'_>) -> Result<SampleType, TiffError> {
             };
             return Err(TiffError::Samples { found: format!("{bits}{name}") });
         }
-    })
+    };
+    Ok((stored, (format, bits) == (3, 16)))
 }
 
 fn predictor(

@@ -70,9 +70,46 @@ fn undo_float(row: &mut [u8], sample_bytes: usize, spare: &mut Vec<u8>) {
     }
 }
 
+/// Little-endian 16-bit floats as 32-bit ones, as many as there is room for.
+pub(super) fn widen(halves: &[u8], out: &mut [u8]) {
+    for (out, half) in out.as_chunks_mut().0.iter_mut().zip(halves.as_chunks().0) {
+        *out = f32_of_half(u16::from_le_bytes(*half)).to_le_bytes();
+    }
+}
+
+/// The value of an IEEE 754 binary16, which binary32 holds exactly.
+fn f32_of_half(half: u16) -> f32 {
+    let sign = u32::from(half & 0x8000) << 16;
+    let mantissa = u32::from(half & 0x3ff);
+    let magnitude = match u32::from(half >> 10 & 0x1f) {
+        0 => (mantissa as f32 / 16_777_216.0).to_bits(),
+        31 => 0x7f80_0000 | mantissa << 13,
+        exponent => exponent + (127 - 15) << 23 | mantissa << 13,
+    };
+    f32::from_bits(sign | magnitude)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn halves_are_what_their_bits_say() {
+        for half in 0..=u16::MAX {
+            let (exponent, mantissa) = (i32::from(half >> 10 & 31), f64::from(half & 1023));
+            let magnitude = match (exponent, half & 1023) {
+                (31, 0) => f64::INFINITY,
+                (31, _) => f64::NAN,
+                (0, _) => mantissa * 2_f64.powi(-24),
+                _ => (1024.0 + mantissa) * 2_f64.powi(exponent - 25),
+            };
+            let expected = if half & 0x8000 == 0 { magnitude } else { -magnitude };
+            let found = f64::from(f32_of_half(half));
+            assert_eq!(found.is_nan(), expected.is_nan(), "{half:04x}");
+            let same = found == expected && found.is_sign_negative() == (half & 0x8000 != 0);
+            assert!(found.is_nan() || same, "{half:04x}");
+        }
+    }
 
     #[test]
     fn horizontal_differences_add_up_in_either_byte_order() {

@@ -167,6 +167,21 @@ fn an_imagej_stack_beyond_4_gb_is_mapped() {
 }
 
 #[test]
+fn strips_that_were_left_out_are_zeros() {
+    for compression in COMPRESSIONS {
+        let tags = vec![(273, 4, 0), (279, 4, 0)];
+        let made = Made { compression, tags, ..Made::new([9, 6, 2], SampleType::U16) };
+        let file = made.file(&samples(made.dims_xyz, made.stored));
+        let source = open(&file, &SourceOptions::default()).unwrap();
+        assert_eq!(read(&source).unwrap(), vec![0; 9 * 6 * 2 * 2], "{compression:?}");
+    }
+    // A place without a length is no such strip, nor is a length without a place.
+    let made = Made { tags: vec![(273, 4, 0)], ..Made::new([9, 6, 2], SampleType::U16) };
+    let source = open(&made.file(&samples(made.dims_xyz, made.stored)), &SourceOptions::default());
+    assert_ne!(read(&source.unwrap()).unwrap(), vec![0; 9 * 6 * 2 * 2]);
+}
+
+#[test]
 fn what_is_no_grey_volume_is_refused_by_name() {
     let made = Made::new([9, 6, 2], SampleType::U8);
     for (tags, words) in [
@@ -178,7 +193,7 @@ fn what_is_no_grey_volume_is_refused_by_name() {
         (vec![(258, 3, 1)], "1-bit unsigned integers"),
         (vec![(258, 3, 12)], "12-bit unsigned integers"),
         (vec![(258, 3, 64)], "64-bit unsigned integers"),
-        (vec![(258, 3, 16), (339, 3, 3)], "16-bit floats"),
+        (vec![(258, 3, 24), (339, 3, 3)], "24-bit floats"),
         (vec![(339, 3, 6)], "complex"),
         (vec![(259, 3, 7)], "compression is JPEG (7)"),
         (vec![(259, 3, 4)], "fax group 4 (4)"),
@@ -186,6 +201,7 @@ fn what_is_no_grey_volume_is_refused_by_name() {
         (vec![(259, 3, 5), (317, 3, 3)], "predictor 3 with samples of u8"),
         (vec![(317, 3, 2)], "predictor 2 with no compression"),
         (vec![(266, 3, 2)], "FillOrder"),
+        (vec![(274, 3, 4)], "Orientation is 4"),
         (vec![(256, 3, 0)], "ImageWidth is 0"),
         (vec![(278, 4, 0)], "RowsPerStrip is 0"),
         (vec![(254, 4, 1)], "no page"),

@@ -1,13 +1,15 @@
-//! Volumes written out again: raw and NIfTI, in the source's type, streamed slice by slice.
+//! Volumes written out again, in the source's type, streamed slice by slice: one file a format.
+
+mod nifti;
+mod nrrd;
+mod tiff;
 
 use crate::error::PreprocessError;
 use crate::progress::Progress;
-use crate::source::SourceError;
-use crate::source::nifti_header::{NiftiDatatype, NiftiHeader, NiftiUnit};
 use crate::volume::Volume;
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use octree_store::{LengthUnit, Sample, SampleType, with_sample_type};
+use octree_store::{Sample, with_sample_type};
 use std::io::{self, BufWriter, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -22,15 +24,25 @@ pub enum ExportFormat {
     Nifti,
     /// The same, gzip-compressed.
     NiftiGz,
+    /// NRRD, header and samples in one file, raw.
+    Nrrd,
+    /// TIFF, a page for each slice, with ImageJ's metadata; BigTIFF where it is too large for TIFF.
+    Tiff,
 }
 
 impl ExportFormat {
     /// The format of a file name, if its ending is known.
     pub fn of_name(path: &Path) -> Option<Self> {
-        let name = path.file_name()?.to_str()?.to_lowercase();
-        [(".raw", Self::Raw), (".nii", Self::Nifti), (".nii.gz", Self::NiftiGz)]
-            .into_iter()
-            .find_map(|(end, format)| name.ends_with(end).then_some(format))
+        let name = path.file_name()?.to_string_lossy().to_lowercase();
+        let endings = [
+            (".raw", Self::Raw),
+            (".nii", Self::Nifti),
+            (".nii.gz", Self::NiftiGz),
+            (".nrrd", Self::Nrrd),
+            (".tif", Self::Tiff),
+            (".tiff", Self::Tiff),
+        ];
+        endings.into_iter().find_map(|(end, format)| name.ends_with(end).then_some(format))
     }
 }
 
@@ -59,14 +71,24 @@ pub fn export(
     match format {
         ExportFormat::Raw => write_voxels(volume, &mut writer, output, progress)?,
         ExportFormat::Nifti => {
-            writer.write_all(&nifti_header(volume, output)?).map_err(failed)?;
+            writer.write_all(&nifti::header(volume, output)?).map_err(failed)?;
             write_voxels(volume, &mut writer, output, progress)?;
         }
         ExportFormat::NiftiGz => {
             let mut gzip = GzEncoder::new(&mut writer, Compression::fast());
-            gzip.write_all(&nifti_header(volume, output)?).map_err(failed)?;
+            gzip.write_all(&nifti::header(volume, output)?).map_err(failed)?;
             write_voxels(volume, &mut gzip, output, progress)?;
             gzip.finish().map_err(failed)?;
+        }
+        ExportFormat::Nrrd => {
+            writer.write_all(nrrd::header(volume).as_bytes()).map_err(failed)?;
+            write_voxels(volume, &mut writer, output, progress)?;
+        }
+        ExportFormat::Tiff => {
+            let pages = tiff::Pages::of(volume, output)?;
+            writer.write_all(&pages.before_samples()).map_err(failed)?;
+            write_voxels(volume, &mut writer, output, progress)?;
+            pages.write_after_samples(&mut writer).map_err(failed)?;
         }
     }
     let file = writer.into_inner().map_err(|error| failed(error.into_error()))?;
@@ -116,33 +138,4 @@ fn write_samples<T: Sample>(
             .map_err(|source| PreprocessError::Output { path: output.to_owned(), source })?;
     }
     Ok(())
-}
-
-/// The header of a volume: little-endian, 352 or 544 bytes.
-fn nifti_header(volume: &Volume, output: &Path) -> Result<Vec<u8>, PreprocessError> {
-    let datatype = match volume.sample_type() {
-        SampleType::U8 => NiftiDatatype::U8,
-        SampleType::I8 => NiftiDatatype::I8,
-        SampleType::U16 => NiftiDatatype::U16,
-        SampleType::I16 => NiftiDatatype::I16,
-        SampleType::U32 => NiftiDatatype::U32,
-        SampleType::I32 => NiftiDatatype::I32,
-        SampleType::F32 => NiftiDatatype::F32,
-        SampleType::F64 => NiftiDatatype::F64,
-    };
-    // NIfTI has no nanometre: spacing and affine go to micrometres.
-    let (unit, scale) = match volume.unit() {
-        LengthUnit::M => (NiftiUnit::Metre, 1.0),
-        LengthUnit::Mm => (NiftiUnit::Millimetre, 1.0),
-        LengthUnit::Um => (NiftiUnit::Micrometre, 1.0),
-        LengthUnit::Nm => (NiftiUnit::Micrometre, 1e-3),
-    };
-    let spacing = volume.spacing_xyz().map(|spacing| spacing * scale);
-    let affine = volume.affine().map(|mut affine| {
-        affine.iter_mut().take(3).flatten().for_each(|value| *value *= scale);
-        affine
-    });
-    let header = NiftiHeader::for_volume(volume.dims_xyz(), datatype, spacing, unit, affine)
-        .map_err(|source| SourceError::NiftiHeader { path: output.to_owned(), source })?;
-    Ok(header.to_bytes())
 }
