@@ -59,6 +59,7 @@ mod error_sum;
 mod exact_sum;
 mod geometry;
 mod key;
+pub mod loader;
 mod metadata;
 mod record;
 mod region;

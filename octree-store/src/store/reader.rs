@@ -316,6 +316,17 @@ impl Store {
         })
     }
 
+    /// A brick's checked payload, and what unpacks it.
+    pub(crate) fn payload_and_unpacker<'a>(
+        &self,
+        record: &NodeRecord,
+        scratch: &'a mut BrickScratch,
+    ) -> Result<(&'a [u8], &'a mut payload::Unpacker), StoreError> {
+        let BrickScratch { payload, unpacked } = scratch;
+        self.fetch_payload(record, payload)?;
+        Ok((payload, unpacked))
+    }
+
     /// Checks that the store's samples are `T`.
     pub(crate) fn check_type<T: Sample>(&self) -> Result<(), StoreError> {
         let stored = self.metadata.sample_type;

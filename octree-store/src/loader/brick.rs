@@ -1,0 +1,146 @@
+//! A brick in the form in which a renderer uploads it.
+//!
+//! Codes of 8 bits stay codes: the 2010 text (section 5) lets the texture unit interpolate them and maps the
+//! result to the brick's own range. Integers of 8 and 16 bits that are stored bit for bit become R8 and R16
+//! texels, signed ones shifted by their least value; everything else becomes 32-bit floats.
+
+use crate::encoding::{Encoding, lossless, payload};
+use crate::error::{Damage, StoreError};
+use crate::record::{BrickState, NodeRecord};
+use crate::sample::{Sample, SampleType};
+use crate::store::{BrickScratch, Store};
+use crate::with_sample_type;
+
+/// How a brick's texels are to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum BrickFormat {
+    /// One byte: texel = byte / 255.
+    R8,
+    /// Two bytes, little-endian: texel = value / 65535.
+    R16,
+    /// A 32-bit float, little-endian: the sample itself, in source units.
+    R32Float,
+}
+
+impl BrickFormat {
+    /// Bytes of a texel.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::R8 => 1,
+            Self::R16 => 2,
+            Self::R32Float => 4,
+        }
+    }
+
+    /// The format of the bricks of an encoding and sample type.
+    pub fn of(encoding: Encoding, sample_type: SampleType) -> Self {
+        match (encoding, sample_type) {
+            (Encoding::Quantised8, _) | (Encoding::Lossless, SampleType::U8 | SampleType::I8) => {
+                Self::R8
+            }
+            (Encoding::Lossless, SampleType::U16 | SampleType::I16) => Self::R16,
+            (Encoding::Lossless, _) => Self::R32Float,
+        }
+    }
+}
+
+/// A decoded brick: samples x fastest, overlap included, as the renderer's texture takes them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Brick {
+    /// How to read `texels`.
+    pub format: BrickFormat,
+    /// [`crate::Geometry::brick_samples`] texels.
+    pub texels: Vec<u8>,
+    /// The values of texels 0 and 1: a texel t of `R8` or `R16` stands for `[0] + t ([1] - [0])`. Of `R32Float`, whose
+    /// texels are values already, the brick's least and greatest value.
+    pub texel_range: [f64; 2],
+}
+
+impl Brick {
+    /// Sample `index` as a value in source units.
+    pub fn value(&self, index: usize) -> f64 {
+        let [low, high] = self.texel_range;
+        match self.format {
+            BrickFormat::R8 => low + f64::from(self.texels[index]) * (high - low) / 255.0,
+            BrickFormat::R16 => {
+                let at = [self.texels[2 * index], self.texels[2 * index + 1]];
+                low + f64::from(u16::from_le_bytes(at)) * (high - low) / 65535.0
+            }
+            BrickFormat::R32Float => {
+                let mut bytes = [0; 4];
+                bytes.copy_from_slice(&self.texels[4 * index..4 * index + 4]);
+                f64::from(f32::from_le_bytes(bytes))
+            }
+        }
+    }
+}
+
+/// The values of texels 0 and 1 of a stored brick.
+pub(super) fn texel_range(record: &NodeRecord, sample_type: SampleType) -> [f64; 2] {
+    match (record.encoding, BrickFormat::of(record.encoding, sample_type)) {
+        (Encoding::Lossless, BrickFormat::R8 | BrickFormat::R16) => {
+            let (low, high) = sample_type.limits();
+            [low, high]
+        }
+        _ => [record.brick_min, record.brick_max],
+    }
+}
+
+impl Store {
+    /// The brick of a stored record, in the form in which a renderer uploads it.
+    ///
+    /// # Errors
+    /// When the record has no payload, or the payload is damaged.
+    pub fn upload_brick(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+    ) -> Result<Brick, StoreError> {
+        let sample_type = self.metadata().sample_type;
+        if record.state != BrickState::Stored {
+            let what = "a payload was asked for where it has none";
+            return Err(self.damaged(record.key, Damage::Tree { what }));
+        }
+        let samples = self.geometry().brick_samples();
+        let (payload, unpacker) = self.payload_and_unpacker(record, scratch)?;
+        let texels = with_sample_type!(sample_type, T => {
+            texels::<T>(record, payload, unpacker, samples)
+        })
+        .map_err(|damage| self.damaged(record.key, damage))?;
+        let format = BrickFormat::of(record.encoding, sample_type);
+        Ok(Brick { format, texels, texel_range: texel_range(record, sample_type) })
+    }
+}
+
+/// A payload's texels.
+fn texels<T: Sample>(
+    record: &NodeRecord,
+    payload: &[u8],
+    unpacker: &mut payload::Unpacker,
+    samples: usize,
+) -> Result<Vec<u8>, Damage> {
+    match record.encoding {
+        Encoding::Quantised8 => {
+            Ok(payload::unpack(record, payload, samples, unpacker)?.to_vec())
+        }
+        Encoding::Lossless => {
+            let bytes = payload::unpack(record, payload, samples * size_of::<T>(), unpacker)?;
+            let mut values = vec![T::default(); samples];
+            lossless::unshuffle(bytes, &mut values);
+            Ok(match BrickFormat::of(record.encoding, T::TYPE) {
+                BrickFormat::R8 => {
+                    let least = T::LEAST.to_i32();
+                    values.iter().map(|v| (v.to_i32() - least) as u8).collect()
+                }
+                BrickFormat::R16 => {
+                    let least = T::LEAST.to_i32();
+                    values.iter().flat_map(|v| ((v.to_i32() - least) as u16).to_le_bytes()).collect()
+                }
+                BrickFormat::R32Float => values
+                    .iter()
+                    .flat_map(|v| (v.to_f64() as f32).to_le_bytes())
+                    .collect(),
+            })
+        }
+    }
+}
