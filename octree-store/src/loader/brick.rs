@@ -120,9 +120,7 @@ fn texels<T: Sample>(
     samples: usize,
 ) -> Result<Vec<u8>, Damage> {
     match record.encoding {
-        Encoding::Quantised8 => {
-            Ok(payload::unpack(record, payload, samples, unpacker)?.to_vec())
-        }
+        Encoding::Quantised8 => Ok(payload::unpack(record, payload, samples, unpacker)?.to_vec()),
         Encoding::Lossless => {
             let bytes = payload::unpack(record, payload, samples * size_of::<T>(), unpacker)?;
             let mut values = vec![T::default(); samples];
@@ -134,12 +132,14 @@ fn texels<T: Sample>(
                 }
                 BrickFormat::R16 => {
                     let least = T::LEAST.to_i32();
-                    values.iter().flat_map(|v| ((v.to_i32() - least) as u16).to_le_bytes()).collect()
+                    values
+                        .iter()
+                        .flat_map(|v| ((v.to_i32() - least) as u16).to_le_bytes())
+                        .collect()
                 }
-                BrickFormat::R32Float => values
-                    .iter()
-                    .flat_map(|v| (v.to_f64() as f32).to_le_bytes())
-                    .collect(),
+                BrickFormat::R32Float => {
+                    values.iter().flat_map(|v| (v.to_f64() as f32).to_le_bytes()).collect()
+                }
             })
         }
     }

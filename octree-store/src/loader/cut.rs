@@ -90,6 +90,7 @@ pub fn select_cut(source: &mut impl NodeSource, scene: &Scene, budget_bricks: us
         quality: scene.quality,
         only_seen: false,
         linger_frames: 0,
+        waiting_limit: usize::MAX,
         keep_inner: false,
         appearance_changed: true,
         changed: true,

@@ -3,8 +3,8 @@
 //! A job is the children of one node: their records are one read, and their payloads lie side by side. With
 //! the bricks come the records beneath them, so that the next refinement finds them in core. Each frame
 //! replaces the queue by what it wants now, the most urgent first; what is no longer wanted is thereby
-//! cancelled, and what is already being read goes to the cache. Threads hold back when a caller does not
-//! collect what they read, so memory is bounded. On drop they end after the brick at hand.
+//! cancelled, and what is already being read goes to the cache. What was read and not collected counts against the
+//! queue's limit, so memory is bounded. On drop the threads end after the brick at hand.
 
 use super::brick::Brick;
 use super::nodes::{ChildRecord, Siblings, read_children, sorted, summaries};
@@ -111,9 +111,6 @@ impl Common {
     }
 }
 
-/// Jobs that may lie done and uncollected for each thread.
-const DONE_PER_THREAD: usize = 16;
-
 /// A bounded pool of threads that fetch.
 #[derive(Debug)]
 pub(super) struct Fetcher {
@@ -134,7 +131,7 @@ impl Fetcher {
             let (source, common) = (Arc::clone(source), Arc::clone(&common));
             let thread = std::thread::Builder::new()
                 .name(format!("octavo-fetch-{number}"))
-                .spawn(move || work(&*source, &common, threads * DONE_PER_THREAD))?;
+                .spawn(move || work(&*source, &common))?;
             fetcher.threads.push(thread);
         }
         Ok(fetcher)
@@ -244,7 +241,7 @@ impl Drop for Alive<'_> {
 }
 
 /// What each thread does.
-fn work(source: &dyn BrickSource, common: &Common, done_limit: usize) {
+fn work(source: &dyn BrickSource, common: &Common) {
     let _alive = Alive(common);
     let mut scratch = BrickScratch::default();
     loop {
@@ -254,9 +251,7 @@ fn work(source: &dyn BrickSource, common: &Common, done_limit: usize) {
                 if common.stop.load(Ordering::Relaxed) {
                     return;
                 }
-                if shared.done.len() < done_limit
-                    && let Some(job) = shared.queue.pop_front()
-                {
+                if let Some(job) = shared.queue.pop_front() {
                     let active = shared.active.entry(job.parent).or_default();
                     active.jobs += 1;
                     active.octants |= job.octants;

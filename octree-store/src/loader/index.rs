@@ -189,9 +189,7 @@ impl SpatialIndex {
     pub fn narrow(&self, sample_type: SampleType) -> Option<Vec<[u32; 6]>> {
         let limit = 1_u32 << NARROW_SLOT_BITS;
         let (least, greatest) = sample_type.limits();
-        let whole = |v: f32| {
-            v.fract() == 0.0 && (least..=greatest).contains(&f64::from(v))
-        };
+        let whole = |v: f32| v.fract() == 0.0 && (least..=greatest).contains(&f64::from(v));
         let fits = |node: &IndexNode| match node.data {
             NodeData::Slot(slot) => slot < limit - 4 && node.texel_range.into_iter().all(whole),
             NodeData::Uniform => whole(node.texel_range[0]),

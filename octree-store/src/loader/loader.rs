@@ -273,7 +273,9 @@ impl Loader {
     /// Takes in what the renderer saw when it drew the index with this serial number. Feedback for one of the last
     /// four indices counts, older feedback is passed over.
     pub fn feedback(&mut self, serial: u64, feedback: Feedback) {
-        let Some(index) = self.indices.iter().find(|index| index.serial() == serial) else { return };
+        let Some(index) = self.indices.iter().find(|index| index.serial() == serial) else {
+            return;
+        };
         if let Some((tree, number)) = self.refiner.begin_feedback() {
             mark(tree, index, feedback, number);
             self.feedback_serial = Some(serial);
@@ -285,12 +287,8 @@ impl Loader {
         let started = Instant::now();
         self.statistics.frame += 1;
         let events = self.take_in();
-        let views = ViewSet::new(
-            scene.views,
-            scene.clip,
-            &self.records.geometry,
-            self.records.spacing_xyz,
-        );
+        let views =
+            ViewSet::new(scene.views, scene.clip, &self.records.geometry, self.records.spacing_xyz);
         let (changed, appearance_changed) = self.remember(scene);
         let demand = Demand {
             views: &views,
@@ -298,6 +296,7 @@ impl Loader {
             quality: scene.quality,
             only_seen: self.options.visibility,
             linger_frames: self.options.linger_frames,
+            waiting_limit: self.pools.arriving,
             keep_inner: true,
             appearance_changed,
             changed,
@@ -382,8 +381,7 @@ impl Loader {
     /// Whether anything, and whether emptiness or the criterion, differ from the last frame's.
     fn remember(&mut self, scene: &Scene) -> (bool, bool) {
         let same = |old: &OwnedScene| {
-            let appearance =
-                old.appearance == *scene.appearance && old.quality == scene.quality;
+            let appearance = old.appearance == *scene.appearance && old.quality == scene.quality;
             (old.views == scene.views && old.clip == scene.clip && appearance, appearance)
         };
         let (all, appearance) = self.scene.as_ref().map_or((false, false), same);

@@ -102,9 +102,7 @@ pub use camera::{Camera, CameraJson, ClipBox, View, ViewError};
 pub use cut::{Cut, CutLeaf, LeafKind, Scene, select_cut};
 pub use fetch::BrickSource;
 pub use index::{IndexNode, NO_NODE, NodeData, SpatialIndex};
-pub use loader::{
-    Event, Frame, Loader, LoaderError, LoaderOptions, Statistics, Upload,
-};
+pub use loader::{Event, Frame, Loader, LoaderError, LoaderOptions, Statistics, Upload};
 pub use nodes::{Child, Lookup, NodeSource, NodeSummary, Siblings, StoreNodes};
 pub use projection::{Projection, Ray, ViewSet, off_axis};
 pub use refine::{Criterion, Deviation, Quality};

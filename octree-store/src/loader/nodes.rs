@@ -160,9 +160,7 @@ pub(super) fn read_children(
     if let Ok(children) = store.children(parent) {
         return std::array::from_fn(|octant| children.get(octant).map(|record| Ok(*record)));
     }
-    parent
-        .children()
-        .map(|key| store.geometry().contains(key).then(|| store.node(key)))
+    parent.children().map(|key| store.geometry().contains(key).then(|| store.node(key)))
 }
 
 /// Sorts records from errors.

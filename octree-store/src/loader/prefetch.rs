@@ -66,7 +66,9 @@ pub(super) fn jobs<'a>(
                 let [low, high] = summary.subtree_range;
                 summary.state == BrickState::Stored
                     && !appearance.is_empty(low, high)
-                    && ahead.voxel_size(child.level(), child.brick_xyz().map(|v| v as u32)).is_some()
+                    && ahead
+                        .voxel_size(child.level(), child.brick_xyz().map(|v| v as u32))
+                        .is_some()
                     && !in_core(*child)
             };
             let children = key.children();

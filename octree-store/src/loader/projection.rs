@@ -85,9 +85,8 @@ impl Projection {
                 (*x, *y, *w, front, forward)
             }
         };
-        let side = |row: [f64; 4], sign: f64| {
-            Plane::new([0, 1, 2, 3].map(|i| row_w[i] + sign * row[i]))
-        };
+        let side =
+            |row: [f64; 4], sign: f64| Plane::new([0, 1, 2, 3].map(|i| row_w[i] + sign * row[i]));
         Self {
             size,
             row_x,
@@ -338,9 +337,11 @@ mod tests {
 
     #[test]
     fn edges_along_the_view_have_no_length() {
-        let along = set(orthographic([50.0, 50.0, -9.0], [50.0, 50.0, 0.0], 50.0), [1.0, 1.0, 100.0]);
+        let along =
+            set(orthographic([50.0, 50.0, -9.0], [50.0, 50.0, 0.0], 50.0), [1.0, 1.0, 100.0]);
         assert_eq!(along.voxel_size(0, [0, 0, 0]), Some(2.0));
-        let across = set(orthographic([-9.0, 50.0, 50.0], [0.0, 50.0, 50.0], 50.0), [1.0, 1.0, 100.0]);
+        let across =
+            set(orthographic([-9.0, 50.0, 50.0], [0.0, 50.0, 50.0], 50.0), [1.0, 1.0, 100.0]);
         assert!((across.voxel_size(0, [0, 1, 0]).unwrap() - 200.0).abs() < 1e-3);
     }
 

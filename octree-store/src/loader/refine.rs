@@ -69,6 +69,8 @@ pub(super) struct Demand<'a> {
     pub(super) only_seen: bool,
     /// Frames for which children stay that are not needed.
     pub(super) linger_frames: u32,
+    /// Bricks that may wait for data or uploads before the rest is left for a later frame: what bounds a frame's time.
+    pub(super) waiting_limit: usize,
     /// Whether inner nodes keep their bricks, for filtering and to fall back upon.
     pub(super) keep_inner: bool,
     /// Whether appearance or criterion differ from the last frame's.
@@ -385,7 +387,11 @@ impl Refiner {
         outcome: &mut Outcome,
     ) {
         self.evictable.listed = false;
+        let mut bricks_waiting = 0;
         while let Some(candidate) = self.candidates.pop() {
+            if bricks_waiting >= demand.waiting_limit {
+                break;
+            }
             let place = candidate.place;
             let node = tree.get(place);
             let load = node.needs_brick() && node.slot == NONE;
@@ -400,6 +406,7 @@ impl Refiner {
             } else {
                 let Lookup::Ready(siblings) = source.children(key) else {
                     outcome.waiting += 1;
+                    bricks_waiting += 1;
                     continue;
                 };
                 children = *siblings;
@@ -425,8 +432,8 @@ impl Refiner {
             }
             let cost = wanted.count as isize - holds;
             // Whoever sets no limit has more room than an isize holds.
-            let room = isize::try_from(holder.room()).unwrap_or(isize::MAX)
-                - outcome.reserved as isize;
+            let room =
+                isize::try_from(holder.room()).unwrap_or(isize::MAX) - outcome.reserved as isize;
             if cost > 0 && room < cost {
                 let evictable = self.evictable_bricks(tree, &candidate);
                 if room.saturating_add(evictable as isize) < cost {
@@ -447,12 +454,14 @@ impl Refiner {
                 // The root's parent is no node of the volume, but siblings are named by it.
                 holder.request(if load { key.parent() } else { key }, missing);
                 outcome.waiting += 1;
+                bricks_waiting += wanted.count;
                 outcome.reserved += cost.max(0) as usize;
                 continue;
             }
             if !holder.can_upload(keys) {
                 outcome.deferred += 1;
                 outcome.deferred_bricks += wanted.count;
+                bricks_waiting += wanted.count;
                 outcome.reserved += cost.max(0) as usize;
                 continue;
             }

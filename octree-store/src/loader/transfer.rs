@@ -27,7 +27,9 @@ pub enum TransferError {
         found: f64,
     },
     /// Values that go down.
-    #[error("point {point}: its value {found} is below the one before it, {before}: sort the points by value")]
+    #[error(
+        "point {point}: its value {found} is below the one before it, {before}: sort the points by value"
+    )]
     Unsorted {
         /// Which point, from 0.
         point: usize,
@@ -171,8 +173,7 @@ impl TransferFunction {
         self.points[self.touched(min, max)].windows(2).fold(0.0, |steepest, pair| {
             let [a, b] = [pair[0], pair[1]];
             let color = (0..3).fold(0.0_f64, |d, c| d.max((a.color[c] - b.color[c]).abs()));
-            let rise =
-                (a.extinction - b.extinction).abs() + a.extinction.max(b.extinction) * color;
+            let rise = (a.extinction - b.extinction).abs() + a.extinction.max(b.extinction) * color;
             let span = b.value - a.value;
             f64::max(steepest, if rise == 0.0 { 0.0 } else { rise / span })
         })

@@ -25,7 +25,9 @@ pub enum Feedback<'a> {
 impl Feedback<'_> {
     fn octants(&self, node: usize) -> u8 {
         match self {
-            Self::Nodes(bytes) => bytes.get(node).map_or(0, |&byte| if byte == 0 { 0 } else { 0xff }),
+            Self::Nodes(bytes) => {
+                bytes.get(node).map_or(0, |&byte| if byte == 0 { 0 } else { 0xff })
+            }
             Self::Octants(bytes) => bytes.get(node).copied().unwrap_or(0),
         }
     }

@@ -2,8 +2,8 @@
 
 use crate::support::{Made, covers_once, foam, make, opaque_above, perspective, scene};
 use octree_store::loader::{
-    Appearance, Child, ClipBox, Criterion, Cut, Deviation, LeafKind, Lookup, NodeSource, NodeSummary,
-    Scene, StoreNodes, View, ViewSet, select_cut,
+    Appearance, Child, ClipBox, Criterion, Cut, Deviation, LeafKind, Lookup, NodeSource,
+    NodeSummary, Scene, StoreNodes, View, ViewSet, select_cut,
 };
 use octree_store::{BrickState, NodeKey};
 use proptest::prelude::*;

@@ -1,8 +1,8 @@
 //! Damage, bugs and the end of a loader.
 
 use crate::support::{Made, Show, Watched, foam, make, opaque_above, perspective, scene};
-use octree_store::loader::{Event, Frame, LoaderOptions, NodeData, Scene, View};
 use octree_store::NodeKey;
+use octree_store::loader::{Event, Frame, LoaderOptions, NodeData, Scene, View};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};

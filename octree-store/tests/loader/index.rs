@@ -137,10 +137,14 @@ fn the_narrow_and_the_wide_layout_say_what_the_index_says() {
             NodeData::Absent => [0x3f_fffc, 0xffff_fffc],
         };
         let levels = [u32::from(node.data_level), u32::from(node.level)];
-        assert_eq!([w[1] & 0x3f_ffff, w[1] >> 22 & 31, w[1] >> 27], [slot[0], levels[0], levels[1]]);
+        assert_eq!(
+            [w[1] & 0x3f_ffff, w[1] >> 22 & 31, w[1] >> 27],
+            [slot[0], levels[0], levels[1]]
+        );
         assert_eq!([w[2] & 0xffff, w[2] >> 16].map(|v| v as f32), node.texel_range);
         assert_eq!(signed[i][2] & 0xffff, node.texel_range[0] as u32 + 32768);
-        let beyond = [w[3] & 0xffff, w[3] >> 16, w[4] & 0xffff, w[4] >> 16, w[5] & 0xffff, w[5] >> 16];
+        let beyond =
+            [w[3] & 0xffff, w[3] >> 16, w[4] & 0xffff, w[4] >> 16, w[5] & 0xffff, w[5] >> 16];
         assert_eq!(beyond, node.neighbours.map(short));
         let w = wide[i];
         assert_eq!([w[0], w[1], w[2]], [node.parent, node.first_child, slot[1]]);

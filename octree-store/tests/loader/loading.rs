@@ -1,11 +1,9 @@
 //! Laws of the asynchronous loader without visibility: everything in view counts as seen.
 
-use crate::support::{
-    Made, Show, Watched, foam, make, make_as, opaque_above, perspective, scene,
-};
+use crate::support::{Made, Show, Watched, foam, make, make_as, opaque_above, perspective, scene};
 use octree_store::loader::{
-    Appearance, BrickFormat, Frame, LeafKind, LoaderError, LoaderOptions, NodeData, Scene, StoreNodes, View,
-    ViewSet, select_cut,
+    Appearance, BrickFormat, Frame, LeafKind, LoaderError, LoaderOptions, NodeData, Scene,
+    StoreNodes, View, ViewSet, select_cut,
 };
 use octree_store::{BrickState, Encoding, NodeKey};
 use std::collections::{BTreeSet, HashSet};
@@ -233,7 +231,8 @@ fn what_the_view_has_left_is_not_read_any_more() {
     source.delay = Duration::from_millis(5);
     let options = LoaderOptions { threads: 1, prefetch_frames: 0, linger_frames: 0, ..options() };
     let mut show = Show::new(source.clone(), options);
-    let (here, away) = ([near()], [perspective([45.0, 30.0, -40.0], [45.0, 32.0, -90.0], 60.0, [60, 60])]);
+    let (here, away) =
+        ([near()], [perspective([45.0, 30.0, -40.0], [45.0, 32.0, -90.0], 60.0, [60, 60])]);
     while show.loader.statistics().queued < 5 {
         show.frame(&scene(&here, &appearance));
         show.loader.wait(Duration::from_millis(50));
@@ -257,9 +256,12 @@ fn a_moving_cameras_next_needs_are_read_before_and_a_still_ones_are_not() {
             show.frame(&scene(&at(f64::from(step)), &appearance));
             show.loader.wait(Duration::from_millis(20));
         }
-        let needed: usize =
-            select_cut(&mut StoreNodes::new(&volume().store), &scene(&at(39.0), &appearance), usize::MAX)
-                .bricks();
+        let needed: usize = select_cut(
+            &mut StoreNodes::new(&volume().store),
+            &scene(&at(39.0), &appearance),
+            usize::MAX,
+        )
+        .bricks();
         (source.read().len(), needed)
     };
     let (without, needed) = read_at_turn(0);
@@ -281,10 +283,8 @@ fn another_transfer_function_loads_what_it_shows_and_frees_what_it_hides() {
     let (again, _) = show.converge(&scene(&views, &high));
     assert_eq!(leaves(&again), leaves(&few));
     assert_eq!(show.loader.statistics().slots_in_use, in_few);
-    let (surface, _) = show.converge(&Scene {
-        appearance: &Appearance::Isovalue(119.5),
-        ..scene(&views, &high)
-    });
+    let (surface, _) =
+        show.converge(&Scene { appearance: &Appearance::Isovalue(119.5), ..scene(&views, &high) });
     assert!(surface.index.leaves().any(|(_, node)| matches!(node.data, NodeData::Slot(_))));
 }
 

@@ -25,11 +25,7 @@ pub(crate) fn make(dims: [u64; 3], value: impl Fn([u64; 3]) -> u8) -> Made {
     make_as(dims, Encoding::Quantised8, value)
 }
 
-pub(crate) fn make_as(
-    dims: [u64; 3],
-    encoding: Encoding,
-    value: impl Fn([u64; 3]) -> u8,
-) -> Made {
+pub(crate) fn make_as(dims: [u64; 3], encoding: Encoding, value: impl Fn([u64; 3]) -> u8) -> Made {
     let geometry = Geometry::new(dims, 8, 1).unwrap();
     let mut levels: Vec<Vec<u8>> = vec![
         (0..dims[2])
@@ -311,8 +307,7 @@ impl Show {
             }
         }
         let seen = self.renderer.see(&self.geometry, &frame.index, scene);
-        let feedback =
-            if self.octants { Feedback::Octants(&seen) } else { Feedback::Nodes(&seen) };
+        let feedback = if self.octants { Feedback::Octants(&seen) } else { Feedback::Nodes(&seen) };
         self.loader.feedback(frame.index.serial(), feedback);
         frame
     }
@@ -375,7 +370,8 @@ pub(crate) fn foam(dims: [u64; 3]) -> impl Fn([u64; 3]) -> u8 {
     move |p| {
         let c = [0, 1, 2].map(|axis| p[axis] as f64 - dims[axis] as f64 / 2.0);
         let r = (c[0] * c[0] + c[1] * c[1] + c[2] * c[2]).sqrt();
-        let wave = (p[0] as f64 / 5.0).sin() + (p[1] as f64 / 6.0).sin() + (p[2] as f64 / 7.0).sin();
+        let wave =
+            (p[0] as f64 / 5.0).sin() + (p[1] as f64 / 6.0).sin() + (p[2] as f64 / 7.0).sin();
         if r > dims[0] as f64 * 0.45 { 0 } else { (120.0 + 30.0 * wave) as u8 }
     }
 }

@@ -4,10 +4,12 @@
 //! value in the middle of a brick bounds what the brick can hold. Records are of bricks with noise, none uniform: nothing is
 //! saved that a scan would not save.
 
-use octree_store::loader::{Brick, BrickFormat, BrickSource, Child, Lookup, NodeSource, NodeSummary, Siblings};
+use octree_store::loader::{
+    Brick, BrickFormat, BrickSource, Child, Lookup, NodeSource, NodeSummary, Siblings,
+};
 use octree_store::{
-    BrickScratch, BrickState, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, StoreError,
-    encode_samples,
+    BrickScratch, BrickState, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType,
+    StoreError, encode_samples,
 };
 use std::sync::Arc;
 
