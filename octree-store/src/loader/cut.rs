@@ -4,9 +4,10 @@
 //! leaves count against the budget.
 
 use super::camera::{ClipBox, View};
+use super::demand::{Change, Demand, Holder, Quality};
 use super::nodes::{NodeSource, NodeSummary};
 use super::projection::ViewSet;
-use super::refine::{Demand, Holder, Quality, Refiner};
+use super::refine::Refiner;
 use super::transfer::Appearance;
 use super::tree::Presence;
 use crate::key::NodeKey;
@@ -92,8 +93,7 @@ pub fn select_cut(source: &mut impl NodeSource, scene: &Scene, budget_bricks: us
         linger_frames: 0,
         waiting_limit: usize::MAX,
         keep_inner: false,
-        appearance_changed: true,
-        changed: true,
+        change: Change::Appearance,
     };
     let mut refiner = Refiner::new();
     let mut counter = Counter { room: budget_bricks.max(1) };

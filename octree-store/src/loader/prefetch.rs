@@ -4,10 +4,10 @@
 //! fine enough or out of view now, have their children read into memory. Such jobs stand behind
 //! everything that is visible and too coarse now, and take only memory that nothing else asks for.
 
+use super::demand::Quality;
 use super::fetch::Job;
 use super::nodes::{Child, Siblings};
 use super::projection::{Projection, ViewSet};
-use super::refine::Quality;
 use super::transfer::Appearance;
 use super::tree::{NONE, Tree};
 use crate::key::NodeKey;

@@ -248,7 +248,7 @@ impl ViewSet {
                 max[axis] = max[axis].min(clip.max()[axis]);
             }
         }
-        let centre = [0, 1, 2].map(|axis| (min[axis] + max[axis]) / 2.0);
+        let centre = [0, 1, 2].map(|axis| f64::midpoint(min[axis], max[axis]));
         let half = [0, 1, 2].map(|axis| (max[axis] - min[axis]) / 2.0);
         let scale = (1_u64 << level) as f64;
         let mut largest = None;
@@ -370,7 +370,7 @@ mod tests {
         let size = |views: &[View]| {
             ViewSet::new(views, None, &geometry, [1.0; 3]).voxel_size(0, [0, 0, 0])
         };
-        assert_eq!(size(&[far.clone(), near.clone()]), size(&[near.clone()]));
+        assert_eq!(size(&[far.clone(), near.clone()]), size(std::slice::from_ref(&near)));
         assert!(size(&[far]) < size(&[near]));
     }
 

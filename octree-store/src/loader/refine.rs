@@ -9,161 +9,15 @@
 //! Room goes strictly by the queue's order. The first that does not fit, not even in place of what is less urgent,
 //! ends the refinement: so a larger budget never gives a coarser cut.
 
-use super::nodes::{Child, Lookup, NodeSource, NodeSummary};
-use super::projection::ViewSet;
+use super::demand::{Change, Criterion, Demand, Deviation, Holder, Outcome};
+use super::nodes::{Child, Lookup, NodeSource, NodeSummary, Siblings};
 use super::transfer::Appearance;
 use super::tree::{NONE, Node, Presence, Tree};
+use super::urgency::{Candidate, Evictable};
 use crate::key::NodeKey;
-use std::cmp::Ordering;
+use crate::record::BrickState;
 use std::collections::BinaryHeap;
-
-/// When a node is fine enough.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Criterion {
-    /// When its voxels are at most `accuracy` pixels large.
-    #[default]
-    ProjectedSize,
-    /// Also when the error of showing it in place of full resolution is bounded by `tolerance`: the node
-    /// record's bound on deviation, times the steepness of the transfer function in the node's range, through
-    /// the whole brick, as an opacity of 0 to 1. With [`Deviation::Largest`] that holds for every sample,
-    /// with [`Deviation::RootMeanSquare`] for the typical one.
-    MeasuredError {
-        /// The error that is borne, 0 to 1: 1/255 is one step of a display.
-        tolerance: f64,
-        /// Which of the record's bounds counts.
-        deviation: Deviation,
-    },
-}
-
-/// Which bound of a node record a [`Criterion::MeasuredError`] goes by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Deviation {
-    /// The bound on the root mean square.
-    RootMeanSquare,
-    /// The bound on the largest deviation.
-    Largest,
-}
-
-/// How fine a view is to be.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Quality {
-    /// Pixels that a voxel may cover; 1 is full quality, 2 half of it in each direction.
-    pub accuracy: f64,
-    /// What else makes a node fine enough.
-    pub criterion: Criterion,
-}
-
-impl Default for Quality {
-    fn default() -> Self {
-        Self { accuracy: 1.0, criterion: Criterion::ProjectedSize }
-    }
-}
-
-/// What a frame wants.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Demand<'a> {
-    pub(super) views: &'a ViewSet,
-    pub(super) appearance: &'a Appearance,
-    pub(super) quality: Quality,
-    /// Whether only what was seen is refined.
-    pub(super) only_seen: bool,
-    /// Frames for which children stay that are not needed.
-    pub(super) linger_frames: u32,
-    /// Bricks that may wait for data or uploads before the rest is left for a later frame: what bounds a frame's time.
-    pub(super) waiting_limit: usize,
-    /// Whether inner nodes keep their bricks, for filtering and to fall back upon.
-    pub(super) keep_inner: bool,
-    /// Whether appearance or criterion differ from the last frame's.
-    pub(super) appearance_changed: bool,
-    /// Whether anything of the demand differs from the last frame's.
-    pub(super) changed: bool,
-}
-
-/// Who holds the bricks.
-pub(super) trait Holder {
-    /// Bricks that can be taken besides those taken already.
-    fn room(&self) -> usize;
-    /// Whether a brick could be taken now.
-    fn is_ready(&mut self, key: NodeKey) -> bool;
-    /// Whether a brick is known to be unreadable.
-    fn is_damaged(&self, key: NodeKey) -> bool;
-    /// Whether the frame's budget allows for the uploads that taking these takes.
-    fn can_upload(&self, keys: &[NodeKey]) -> bool;
-    /// Takes bricks that are ready: one slot for each.
-    fn take(&mut self, keys: &[NodeKey], slots: &mut Vec<u32>);
-    /// Gives a brick back.
-    fn give_back(&mut self, key: NodeKey, slot: u32);
-    /// Asks for the bricks of some children of a node, a bit an octant.
-    fn request(&mut self, parent: NodeKey, octants: u8);
-}
-
-/// What came of a frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Outcome {
-    /// Nodes, slots or emptiness differ from before.
-    pub(super) changed: bool,
-    /// Leaves that wait for data.
-    pub(super) waiting: usize,
-    /// Leaves that wait for a frame with uploads left.
-    pub(super) deferred: usize,
-    /// Bricks of these leaves.
-    pub(super) deferred_bricks: usize,
-    /// Nodes whose children are not needed and have not been let go yet.
-    pub(super) lingering: usize,
-    /// Whether the refinement ended for want of room.
-    pub(super) starved: bool,
-    /// Bricks that were promised to leaves that wait.
-    pub(super) reserved: usize,
-}
-
-/// A leaf that is to be refined, or to get its own brick.
-#[derive(Debug, Clone, Copy)]
-struct Candidate {
-    priority: f32,
-    level: u8,
-    key: NodeKey,
-    place: u32,
-}
-
-impl Candidate {
-    fn of(node: &Node, place: u32) -> Self {
-        Self { priority: node.size, level: node.level, key: node.key, place }
-    }
-}
-
-impl PartialEq for Candidate {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Candidate {}
-
-impl Ord for Candidate {
-    /// Larger voxels first, then coarser nodes: parents come before their children.
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.priority
-            .total_cmp(&other.priority)
-            .then(self.level.cmp(&other.level))
-            .then(other.key.cmp(&self.key))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-/// Nodes whose children may make room, least urgent first.
-#[derive(Debug, Default)]
-struct Evictable {
-    nodes: Vec<Candidate>,
-    /// Bricks that the nodes before this one hold in their children; one more than nodes.
-    bricks_before: Vec<usize>,
-    next: usize,
-    listed: bool,
-}
+use std::sync::Arc;
 
 /// How often children are let go for want of visibility before a view keeps to the coarser node.
 const TRIES: u8 = 3;
@@ -275,10 +129,11 @@ impl Refiner {
             let node = tree.get_mut(place);
             let size = demand.views.voxel_size(node.level, node.brick_xyz);
             node.size = size.unwrap_or(-1.0);
-            if demand.changed {
+            if demand.change != Change::Nothing {
                 node.tries = 0;
             }
-            if (demand.appearance_changed || fresh) && node.presence == Presence::Present {
+            if (demand.change == Change::Appearance || fresh) && node.presence == Presence::Present
+            {
                 let empty = is_empty(&node.summary, demand.appearance);
                 outcome.changed |= empty != node.empty;
                 node.empty = empty;
@@ -341,7 +196,7 @@ impl Refiner {
     fn push_if_wanted(&mut self, tree: &Tree, place: u32, demand: &Demand) {
         let node = tree.get(place);
         let parent = tree.get(if node.parent == NONE { place } else { node.parent });
-        let urgent = if node.needs_brick() && node.slot == NONE {
+        let urgent = if node.lacks_brick() {
             if place == 0 {
                 let (priority, level) = (f32::INFINITY, u8::MAX);
                 Candidate { priority, level, key: node.key, place }
@@ -386,194 +241,187 @@ impl Refiner {
         holder: &mut impl Holder,
         outcome: &mut Outcome,
     ) {
-        self.evictable.listed = false;
+        self.evictable.clear();
         let mut bricks_waiting = 0;
         while let Some(candidate) = self.candidates.pop() {
             if bricks_waiting >= demand.waiting_limit {
                 break;
             }
-            let place = candidate.place;
-            let node = tree.get(place);
-            let load = node.needs_brick() && node.slot == NONE;
-            let (key, octants_seen) = (node.key, node.seen_octants);
-            let holds = isize::from(!demand.keep_inner && node.slot != NONE);
-            let mut children: [Child; 8] = [Child::Absent; 8];
-            let mut wanted = Wanted::default();
-            if load {
-                wanted.keys[0] = key;
-                wanted.octants[0] = key.octant() as u8;
-                wanted.count = 1;
+            // Room may have been made at its expense.
+            if !still_there(tree, &candidate) {
+                continue;
+            }
+            let node = tree.get(candidate.place);
+            let (key, load) = (node.key, node.lacks_brick());
+            let wanted = if load {
+                Wanted::only(key)
             } else {
                 let Lookup::Ready(siblings) = source.children(key) else {
                     outcome.waiting += 1;
                     bricks_waiting += 1;
                     continue;
                 };
-                children = *siblings;
-                if !children.iter().any(|child| matches!(child, Child::Known(_))) {
+                if !siblings.iter().any(|child| matches!(child, Child::Known(_))) {
                     continue;
                 }
-                for (octant, child_key) in key.children().into_iter().enumerate() {
-                    let Child::Known(child) = &children[octant] else { continue };
-                    if child.state == crate::BrickState::Stored
-                        && (!demand.only_seen || octants_seen >> octant & 1 == 1)
-                        && !is_empty(child, demand.appearance)
-                        && demand
-                            .views
-                            .voxel_size(child_key.level(), child_key.brick_xyz().map(|v| v as u32))
-                            .is_some()
-                        && !holder.is_damaged(child_key)
-                    {
-                        wanted.keys[wanted.count] = child_key;
-                        wanted.octants[wanted.count] = octant as u8;
-                        wanted.count += 1;
-                    }
-                }
-            }
-            let cost = wanted.count as isize - holds;
+                Wanted::children(node, siblings, demand, holder)
+            };
+            let held = isize::from(!load && !demand.keep_inner && node.slot != NONE);
+            let cost = wanted.count as isize - held;
             // Whoever sets no limit has more room than an isize holds.
             let room =
                 isize::try_from(holder.room()).unwrap_or(isize::MAX) - outcome.reserved as isize;
             if cost > 0 && room < cost {
-                let evictable = self.evictable_bricks(tree, &candidate);
+                let evictable = self.evictable.bricks(tree, self.frame, &candidate);
                 if room.saturating_add(evictable as isize) < cost {
                     outcome.starved = true;
                     // What is less urgent than one that does not fit does not stay either, or the cut would
                     // depend on what was seen before.
-                    while self.evict_one(tree, |least| *least <= candidate, holder) {
+                    let which = |least: &Candidate| *least <= candidate;
+                    while self.evictable.evict_one(tree, self.frame, which, holder) {
                         outcome.changed = true;
                     }
                     break;
                 }
             }
-            let keys = &wanted.keys[..wanted.count];
-            let missing = (0..wanted.count)
-                .filter(|&i| !holder.is_ready(keys[i]))
-                .fold(0, |mask, i| mask | 1 << wanted.octants[i]);
-            if missing != 0 {
+            let missing = wanted.octants_where(|key| !holder.is_ready(key));
+            if missing == 0 && holder.can_upload(wanted.keys()) {
+                self.admit(tree, &candidate, &wanted, demand, holder);
+                outcome.changed = true;
+                continue;
+            }
+            if missing == 0 {
+                outcome.deferred += 1;
+                outcome.deferred_bricks += wanted.count;
+            } else {
                 // The root's parent is no node of the volume, but siblings are named by it.
                 holder.request(if load { key.parent() } else { key }, missing);
                 outcome.waiting += 1;
-                bricks_waiting += wanted.count;
-                outcome.reserved += cost.max(0) as usize;
-                continue;
             }
-            if !holder.can_upload(keys) {
-                outcome.deferred += 1;
-                outcome.deferred_bricks += wanted.count;
-                bricks_waiting += wanted.count;
-                outcome.reserved += cost.max(0) as usize;
-                continue;
-            }
-            if holds == 1 {
-                let node = tree.get_mut(place);
-                holder.give_back(key, std::mem::replace(&mut node.slot, NONE));
-            }
-            while holder.room() < wanted.count {
-                if !self.evict_one(tree, |least| *least < candidate, holder) {
-                    break;
-                }
-            }
-            self.slots.clear();
-            holder.take(keys, &mut self.slots);
-            outcome.changed = true;
-            if load {
-                let node = tree.get_mut(place);
-                node.slot = self.slots.first().copied().unwrap_or(NONE);
-                // What was seen in its place was another brick: it is to be seen itself before it is refined.
-                node.seen = 0;
-                self.push_if_wanted(tree, place, demand);
-                continue;
-            }
-            tree.split(place, &children);
-            tree.get_mut(place).needed = self.frame;
-            for (i, &slot) in self.slots.iter().enumerate() {
-                let child = tree.get(place).first_child + u32::from(wanted.octants[i]);
-                tree.get_mut(child).slot = slot;
-            }
-            for child in tree.children(place) {
-                let node = tree.get_mut(child);
-                if node.presence == Presence::Present {
-                    let size = demand.views.voxel_size(node.level, node.brick_xyz);
-                    node.size = size.unwrap_or(-1.0);
-                    node.empty = is_empty(&node.summary, demand.appearance);
-                    node.damaged = holder.is_damaged(node.key);
-                    node.error = self.error(&node.summary, node.level, demand);
-                    self.push_if_wanted(tree, child, demand);
-                }
-            }
+            bricks_waiting += wanted.count;
+            outcome.reserved += cost.max(0) as usize;
         }
         self.candidates.clear();
     }
 
-    /// Bricks that would be given back if everything less urgent than a candidate were let go.
-    fn evictable_bricks(&mut self, tree: &Tree, candidate: &Candidate) -> usize {
-        if !self.evictable.listed {
-            self.list_evictable(tree);
-        }
-        let Evictable { nodes, bricks_before, next, .. } = &self.evictable;
-        let less_urgent = nodes.partition_point(|node| node < candidate);
-        bricks_before[less_urgent.max(*next)] - bricks_before[*next]
-    }
-
-    fn list_evictable(&mut self, tree: &Tree) {
-        let Evictable { nodes, bricks_before, next, listed } = &mut self.evictable;
-        nodes.clear();
-        for place in tree.places() {
-            let node = tree.get(place);
-            if node.is_present() && !node.is_leaf() {
-                let needed = node.needed == self.frame;
-                let priority = if needed { node.size } else { -1.0 };
-                nodes.push(Candidate { priority, level: node.level, key: node.key, place });
-            }
-        }
-        nodes.sort_unstable();
-        bricks_before.clear();
-        bricks_before.push(0);
-        let mut sum = 0;
-        for node in nodes.iter() {
-            sum += tree.children(node.place).filter(|&c| tree.get(c).slot != NONE).count();
-            bricks_before.push(sum);
-        }
-        (*next, *listed) = (0, true);
-    }
-
-    /// Lets go of the least urgent children, if `which` says so.
-    fn evict_one(
+    /// Takes the bricks that a candidate needs, all of which are ready, and refines it.
+    fn admit(
         &mut self,
         tree: &mut Tree,
-        which: impl Fn(&Candidate) -> bool,
+        candidate: &Candidate,
+        wanted: &Wanted,
+        demand: &Demand,
         holder: &mut impl Holder,
-    ) -> bool {
-        if !self.evictable.listed {
-            self.list_evictable(tree);
+    ) {
+        let place = candidate.place;
+        let node = tree.get_mut(place);
+        let load = node.lacks_brick();
+        if !load && !demand.keep_inner && node.slot != NONE {
+            holder.give_back(node.key, std::mem::replace(&mut node.slot, NONE));
         }
-        let Some(least) = self.evictable.nodes.get(self.evictable.next) else { return false };
-        if !which(least) {
-            return false;
-        }
-        self.evictable.next += 1;
-        tree.merge(least.place, &mut |child| {
-            if child.slot != NONE {
-                holder.give_back(child.key, child.slot);
+        while holder.room() < wanted.count {
+            let which = |least: &Candidate| least < candidate;
+            if !self.evictable.evict_one(tree, self.frame, which, holder) {
+                break;
             }
-        });
-        true
+        }
+        self.slots.clear();
+        holder.take(wanted.keys(), &mut self.slots);
+        if load {
+            let node = tree.get_mut(place);
+            node.slot = self.slots.first().copied().unwrap_or(NONE);
+            // What was seen in its place was another brick: it is to be seen itself before it is refined.
+            node.seen = 0;
+            self.push_if_wanted(tree, place, demand);
+            return;
+        }
+        tree.split(place, &wanted.siblings);
+        tree.get_mut(place).needed = self.frame;
+        for (&octant, &slot) in wanted.octants.iter().zip(&self.slots) {
+            let child = tree.get(place).first_child + u32::from(octant);
+            tree.get_mut(child).slot = slot;
+        }
+        for child in tree.children(place) {
+            let node = tree.get_mut(child);
+            if node.presence == Presence::Present {
+                let size = demand.views.voxel_size(node.level, node.brick_xyz);
+                node.size = size.unwrap_or(-1.0);
+                node.empty = is_empty(&node.summary, demand.appearance);
+                node.damaged = holder.is_damaged(node.key);
+                node.error = self.error(&node.summary, node.level, demand);
+                self.push_if_wanted(tree, child, demand);
+            }
+        }
     }
 }
 
-/// The bricks that a candidate needs.
+/// The bricks that a candidate needs: its own, or those of its children.
 #[derive(Debug)]
 struct Wanted {
     keys: [NodeKey; 8],
     octants: [u8; 8],
     count: usize,
+    siblings: Arc<Siblings>,
 }
 
-impl Default for Wanted {
-    fn default() -> Self {
-        Self { keys: [NodeKey::first_of_level(0); 8], octants: [0; 8], count: 0 }
+impl Wanted {
+    fn none(siblings: Arc<Siblings>) -> Self {
+        Self { keys: [NodeKey::first_of_level(0); 8], octants: [0; 8], count: 0, siblings }
     }
+
+    fn only(key: NodeKey) -> Self {
+        let mut wanted = Self::none(Arc::default());
+        wanted.push(key);
+        wanted
+    }
+
+    /// Those children of a node that will be drawn with bricks of their own.
+    fn children(
+        node: &Node,
+        siblings: Arc<Siblings>,
+        demand: &Demand,
+        holder: &impl Holder,
+    ) -> Self {
+        let mut wanted = Self::none(siblings);
+        for (octant, key) in node.key.children().into_iter().enumerate() {
+            let Child::Known(child) = &wanted.siblings[octant] else { continue };
+            let xyz = key.brick_xyz().map(|v| v as u32);
+            if child.state == BrickState::Stored
+                && (!demand.only_seen || node.seen_octants >> octant & 1 == 1)
+                && !is_empty(child, demand.appearance)
+                && demand.views.voxel_size(key.level(), xyz).is_some()
+                && !holder.is_damaged(key)
+            {
+                wanted.push(key);
+            }
+        }
+        wanted
+    }
+
+    fn push(&mut self, key: NodeKey) {
+        (self.keys[self.count], self.octants[self.count]) = (key, key.octant() as u8);
+        self.count += 1;
+    }
+
+    fn keys(&self) -> &[NodeKey] {
+        &self.keys[..self.count]
+    }
+
+    /// The octants of those for which `which` holds, a bit each.
+    fn octants_where(&self, mut which: impl FnMut(NodeKey) -> bool) -> u8 {
+        (0..self.count)
+            .filter(|&i| which(self.keys[i]))
+            .fold(0, |octants, i| octants | 1 << self.octants[i])
+    }
+}
+
+/// Whether a candidate's node has not been let go since it was queued. One that lacks its brick was queued in its
+/// parent's name.
+fn still_there(tree: &Tree, candidate: &Candidate) -> bool {
+    let node = tree.get(candidate.place);
+    let named = node.key == candidate.key
+        || (node.parent != NONE && tree.get(node.parent).key == candidate.key);
+    node.is_present() && node.is_leaf() && named
 }
 
 /// Whether a node, seen or not, falls short of what is asked for, and has anything finer beneath it.
@@ -583,7 +431,7 @@ fn too_coarse(node: &Node, demand: &Demand) -> bool {
         && node.level > 0
         && node.size > demand.quality.accuracy as f32
         && !node.empty
-        && !(node.summary.state == crate::BrickState::Uniform && low == high)
+        && !(node.summary.state == BrickState::Uniform && low == high)
         && match demand.quality.criterion {
             Criterion::ProjectedSize => true,
             Criterion::MeasuredError { tolerance, .. } => node.error > tolerance as f32,

@@ -48,13 +48,12 @@ impl SlotPool {
 
     /// Pins a slot for a brick that has none; `None` where all are pinned.
     pub(super) fn place(&mut self, key: NodeKey) -> Option<u32> {
-        let slot = match self.unused.next() {
-            Some(slot) => slot,
-            None => {
-                let (_, slot) = self.bricks.pop_oldest()?;
-                self.statistics.evictions += 1;
-                slot
-            }
+        let slot = if let Some(slot) = self.unused.next() {
+            slot
+        } else {
+            let (_, slot) = self.bricks.pop_oldest()?;
+            self.statistics.evictions += 1;
+            slot
         };
         self.bricks.insert(key, slot);
         self.bricks.pin(key);

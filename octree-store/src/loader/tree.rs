@@ -72,6 +72,11 @@ impl Node {
             && !self.empty
             && !self.damaged
     }
+
+    /// Whether it needs a brick and the renderer has it not.
+    pub(super) fn lacks_brick(&self) -> bool {
+        self.needs_brick() && self.slot == NONE
+    }
 }
 
 /// The nodes in use. The root is at place 0.

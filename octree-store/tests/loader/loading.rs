@@ -5,7 +5,7 @@ use octree_store::loader::{
     Appearance, BrickFormat, Frame, LeafKind, LoaderError, LoaderOptions, NodeData, Scene,
     StoreNodes, View, ViewSet, select_cut,
 };
-use octree_store::{BrickState, Encoding, NodeKey};
+use octree_store::{BrickScratch, BrickState, Encoding, NodeKey};
 use std::collections::{BTreeSet, HashSet};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -308,7 +308,7 @@ fn a_bricks_texels_are_the_samples_that_the_store_reads() {
     for encoding in [Encoding::Quantised8, Encoding::Lossless] {
         let made = make_as(dims, encoding, foam(dims));
         for record in made.records.values().filter(|record| record.state == BrickState::Stored) {
-            let brick = made.store.upload_brick(record, &mut Default::default()).unwrap();
+            let brick = made.store.upload_brick(record, &mut BrickScratch::default()).unwrap();
             let (_, samples) = made.store.read_brick_samples(record.key).unwrap();
             assert_eq!(brick.format, BrickFormat::R8);
             for i in 0..samples.len() {

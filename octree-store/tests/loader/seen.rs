@@ -39,7 +39,7 @@ fn leaves(frame: &Frame) -> BTreeSet<NodeKey> {
 
 /// The first voxel of a brick along x.
 fn first_x(key: NodeKey) -> u64 {
-    key.brick_xyz()[0] * 8 << key.level()
+    (key.brick_xyz()[0] * 8) << key.level()
 }
 
 /// Thin where there is no wall, opaque in it.

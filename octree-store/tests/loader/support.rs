@@ -9,7 +9,7 @@ use octree_store::{
     BrickScratch, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, Store, StoreError,
     StoreWriter, encode_samples,
 };
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -314,7 +314,7 @@ impl Show {
 
     /// Frames until nothing is left to do; how many it took.
     pub(crate) fn converge(&mut self, scene: &Scene) -> (Frame, usize) {
-        let until = Instant::now() + Duration::from_secs(60);
+        let until = Instant::now() + Duration::from_mins(1);
         for count in 1.. {
             let frame = self.frame(scene);
             if frame.converged {
@@ -333,7 +333,7 @@ pub(crate) fn covers_once(
     leaves: impl Iterator<Item = NodeKey>,
     nodes: &[octree_store::loader::IndexNode],
 ) {
-    let leaves: HashSet<NodeKey> = leaves.collect();
+    let leaves: BTreeSet<NodeKey> = leaves.collect();
     if nodes.is_empty() && leaves.is_empty() {
         return;
     }

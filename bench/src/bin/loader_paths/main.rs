@@ -307,7 +307,9 @@ fn measured(path: &PathBuf) -> anyhow::Result<()> {
     let views = [Path::Orbit.view(0, world, SIZE)?];
     println!("| | by size alone | RMS, 1/255 | RMS, 4/255 | largest, 4/255 |");
     println!("|---|---|---|---|---|");
-    for (name, depth) in [("opaque", OPAQUE), ("transparent", TRANSPARENT), ("faint", 100.0)] {
+    for (name, depth) in
+        [("opaque", OPAQUE), ("transparent", TRANSPARENT), ("thin", 3.0), ("faint", 100.0)]
+    {
         let seen = appearance(THRESHOLD, world, depth)?;
         print!("| {name} |");
         for criterion in [

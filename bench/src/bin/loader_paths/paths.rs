@@ -93,6 +93,6 @@ pub(crate) fn appearance(threshold: f64, side: f64, depth: f64) -> anyhow::Resul
 
 /// Values of the phantom's and the simulation's air lie below this, those of its bodies above.
 pub(crate) const THRESHOLD: f64 = 14_000.0;
-/// Opaque within a hundredth of the volume, and transparent through all of it.
+/// Nearly opaque walls, and walls that much shines through.
 pub(crate) const OPAQUE: f64 = 0.003;
-pub(crate) const TRANSPARENT: f64 = 0.5;
+pub(crate) const TRANSPARENT: f64 = 0.03;

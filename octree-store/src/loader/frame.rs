@@ -6,18 +6,18 @@
 use super::brick::{Brick, BrickFormat};
 use super::cache::{BrickCache, CacheStatistics};
 use super::cut::Scene;
+use super::demand::{Change, Demand, Holder, Outcome, Quality};
 use super::fetch::{BrickSource, Fetcher, Job};
+use super::in_core::{Pools, Records};
 use super::index::SpatialIndex;
 use super::lru::Lru;
-use super::nodes::{Child, Lookup, NodeSource, Siblings};
 use super::prefetch;
 use super::projection::{Projection, ViewSet};
-use super::refine::{Demand, Holder, Outcome, Quality, Refiner};
+use super::refine::Refiner;
 use super::slots::SlotPool;
 use super::transfer::Appearance;
 use super::visibility::{Feedback, mark};
 use crate::error::StoreError;
-use crate::geometry::Geometry;
 use crate::key::NodeKey;
 use std::collections::{HashSet, VecDeque};
 use std::io;
@@ -181,9 +181,6 @@ pub struct Frame {
 /// Indices that feedback may still be given for.
 const REMEMBERED: usize = 4;
 
-/// Bytes of the node records kept beside the tree's own: about 700 a group.
-const RECORD_GROUPS: usize = 1 << 17;
-
 /// The adaptive loader of one store. See [the module](super) for an example.
 #[derive(Debug)]
 pub struct Loader {
@@ -289,7 +286,7 @@ impl Loader {
         let events = self.take_in();
         let views =
             ViewSet::new(scene.views, scene.clip, &self.records.geometry, self.records.spacing_xyz);
-        let (changed, appearance_changed) = self.remember(scene);
+        let change = self.remember(scene);
         let demand = Demand {
             views: &views,
             appearance: scene.appearance,
@@ -298,8 +295,7 @@ impl Loader {
             linger_frames: self.options.linger_frames,
             waiting_limit: self.pools.arriving,
             keep_inner: true,
-            appearance_changed,
-            changed,
+            change,
         };
         let outcome = self.refiner.update(&demand, &mut self.records, &mut self.pools);
         let refined = Instant::now();
@@ -311,7 +307,11 @@ impl Loader {
         let (queued, active) = self.fetcher.load();
         let drawn = !self.options.visibility || self.feedback_serial == Some(index.serial());
         let idle = queued == 0 && active == 0 && outcome.waiting == 0 && outcome.deferred == 0;
-        let converged = drawn && idle && outcome.lingering == 0 && !outcome.changed && !changed;
+        let converged = drawn
+            && idle
+            && outcome.lingering == 0
+            && !outcome.changed
+            && change == Change::Nothing;
         let statistics = &mut self.statistics;
         statistics.memory = self.pools.memory.statistics;
         statistics.slots = self.pools.slots.statistics(self.pools.brick_bytes);
@@ -356,7 +356,7 @@ impl Loader {
         for fetched in self.fetcher.collect() {
             self.statistics.fetch_secs += fetched.elapsed.as_secs_f64();
             for (parent, siblings) in fetched.siblings {
-                self.records.insert(parent, siblings);
+                self.records.insert(parent, Arc::new(siblings));
             }
             for (record, brick) in fetched.bricks {
                 self.statistics.bricks_read += 1;
@@ -378,22 +378,24 @@ impl Loader {
         events
     }
 
-    /// Whether anything, and whether emptiness or the criterion, differ from the last frame's.
-    fn remember(&mut self, scene: &Scene) -> (bool, bool) {
-        let same = |old: &OwnedScene| {
-            let appearance = old.appearance == *scene.appearance && old.quality == scene.quality;
-            (old.views == scene.views && old.clip == scene.clip && appearance, appearance)
+    /// What differs from the last frame's scene.
+    fn remember(&mut self, scene: &Scene) -> Change {
+        let change = match &self.scene {
+            Some(old) if old.appearance == *scene.appearance && old.quality == scene.quality => {
+                if old.views == scene.views && old.clip == scene.clip {
+                    return Change::Nothing;
+                }
+                Change::Views
+            }
+            _ => Change::Appearance,
         };
-        let (all, appearance) = self.scene.as_ref().map_or((false, false), same);
-        if !all {
-            self.scene = Some(OwnedScene {
-                views: scene.views.to_vec(),
-                clip: scene.clip,
-                appearance: scene.appearance.clone(),
-                quality: scene.quality,
-            });
-        }
-        (!all, !appearance)
+        self.scene = Some(OwnedScene {
+            views: scene.views.to_vec(),
+            clip: scene.clip,
+            appearance: scene.appearance.clone(),
+            quality: scene.quality,
+        });
+        change
     }
 
     /// This frame's index: the last one, or a new one.
@@ -449,124 +451,5 @@ impl Loader {
         // What is there and waits for a frame with uploads left must not be dropped for what comes.
         let limit = self.pools.arriving.saturating_sub(outcome.deferred_bricks);
         self.fetcher.replace(jobs.into_iter(), limit);
-    }
-}
-
-/// Node summaries that the threads have read.
-#[derive(Debug)]
-struct Records {
-    geometry: Geometry,
-    spacing_xyz: [f64; 3],
-    groups: Lru<NodeKey, Arc<Siblings>>,
-    root: Option<Child>,
-    /// Groups that were asked for and not there.
-    wanted: Vec<NodeKey>,
-}
-
-impl Records {
-    fn insert(&mut self, parent: NodeKey, siblings: Siblings) {
-        if parent == self.geometry.root().parent() {
-            self.root = Some(siblings[0]);
-            return;
-        }
-        self.groups.insert(parent, Arc::new(siblings));
-        if self.groups.len() > RECORD_GROUPS {
-            self.groups.pop_oldest();
-        }
-    }
-}
-
-impl NodeSource for Records {
-    fn geometry(&self) -> &Geometry {
-        &self.geometry
-    }
-
-    fn spacing_xyz(&self) -> [f64; 3] {
-        self.spacing_xyz
-    }
-
-    fn root(&mut self) -> Lookup<Child> {
-        let Some(root) = self.root else {
-            self.wanted.push(self.geometry.root().parent());
-            return Lookup::Pending;
-        };
-        Lookup::Ready(root)
-    }
-
-    fn children(&mut self, parent: NodeKey) -> Lookup<Arc<Siblings>> {
-        if let Some(siblings) = self.groups.get(parent) {
-            return Lookup::Ready(Arc::clone(siblings));
-        }
-        self.wanted.push(parent);
-        Lookup::Pending
-    }
-}
-
-/// The two caches, and what a frame does with them.
-#[derive(Debug)]
-struct Pools {
-    slots: SlotPool,
-    memory: BrickCache,
-    /// Bricks that a cut may have: what fits both.
-    capacity: usize,
-    /// Bricks that may be on their way, or there and not taken: memory is kept free for them.
-    arriving: usize,
-    brick_bytes: usize,
-    uploads_per_frame: usize,
-    damaged: HashSet<NodeKey>,
-    uploads: Vec<Upload>,
-    freed: Vec<(NodeKey, u32)>,
-    jobs: Vec<Job>,
-}
-
-impl Holder for Pools {
-    fn room(&self) -> usize {
-        self.capacity.saturating_sub(self.slots.pinned())
-    }
-
-    fn is_ready(&mut self, key: NodeKey) -> bool {
-        self.slots.contains(key) || self.memory.contains(key)
-    }
-
-    fn is_damaged(&self, key: NodeKey) -> bool {
-        self.damaged.contains(&key)
-    }
-
-    fn can_upload(&self, keys: &[NodeKey]) -> bool {
-        let needed = keys.iter().filter(|key| !self.slots.contains(**key)).count();
-        self.uploads.len() + needed <= self.uploads_per_frame
-    }
-
-    fn take(&mut self, keys: &[NodeKey], slots: &mut Vec<u32>) {
-        slots.resize(keys.len(), super::tree::NONE);
-        // Those in place first, so that the others do not take their slots.
-        for (key, slot) in keys.iter().zip(slots.iter_mut()) {
-            if let Some(found) = self.slots.pin(*key) {
-                *slot = found;
-                self.memory.pin(*key);
-            }
-        }
-        for (key, slot) in keys.iter().zip(slots.iter_mut()) {
-            if *slot != super::tree::NONE {
-                continue;
-            }
-            let Some(brick) = self.memory.get(*key).map(Arc::clone) else { continue };
-            if let Some(found) = self.slots.place(*key) {
-                *slot = found;
-                self.memory.pin(*key);
-                self.memory.statistics.hits += 1;
-                self.uploads.push(Upload { slot: found, key: *key, brick });
-            }
-        }
-    }
-
-    fn give_back(&mut self, key: NodeKey, slot: u32) {
-        self.slots.unpin(key);
-        self.memory.unpin(key);
-        self.freed.push((key, slot));
-    }
-
-    fn request(&mut self, parent: NodeKey, octants: u8) {
-        self.jobs.push(Job { parent, octants });
     }
 }
