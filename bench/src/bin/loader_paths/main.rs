@@ -38,7 +38,11 @@ enum Command {
         leaves: usize,
     },
     /// Count working sets against image and volume size, on simulated volumes
-    Sets,
+    Sets {
+        /// The largest image's side in pixels: the work grows with its square
+        #[arg(long, default_value_t = 4096)]
+        image: u32,
+    },
     /// Converge, jump and read, on a real store of spacing 1
     Store {
         /// The store
@@ -56,7 +60,7 @@ const FRAME: Duration = Duration::from_millis(2);
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().command {
         Command::Frames { side, leaves } => frames(side, leaves),
-        Command::Sets => sets(),
+        Command::Sets { image } => sets(image),
         Command::Store { store, threads } => {
             converge(&store, threads)?;
             measured(&store)?;
@@ -75,7 +79,7 @@ fn roomy(visibility: bool, threads: usize) -> LoaderOptions {
     LoaderOptions {
         slots: 1 << 20,
         memory_bytes: 8 << 30,
-        requests: 4096,
+        requests: 1 << 16,
         uploads_per_frame: 1 << 16,
         threads,
         prefetch_frames: 0,
@@ -207,11 +211,11 @@ fn bricks(frame: &Frame, loader: &Loader) -> (usize, usize) {
 }
 
 /// Working sets, with and without visibility.
-fn sets() -> anyhow::Result<()> {
-    let count = |side: u64, size: [u32; 2], depth: Option<f64>, visibility: bool| {
+fn sets(largest: u32) -> anyhow::Result<()> {
+    let count = |side: u64, size: [u32; 2], depth: f64, visibility: bool| {
         let source = Simulated::new(side)?;
         let world = side as f64;
-        let seen = appearance(THRESHOLD, world, depth.unwrap_or(OPAQUE))?;
+        let seen = appearance(THRESHOLD, world, depth)?;
         let views = [Path::Orbit.view(0, world, size)?];
         let scene = scene(&views, &seen, 1.0);
         let geometry = *BrickSource::geometry(&source);
@@ -220,25 +224,27 @@ fn sets() -> anyhow::Result<()> {
         let (frame, _) = run(&mut loader, &scene, visibility.then_some(&mut volume), &geometry)?;
         anyhow::Ok(bricks(&frame, &loader))
     };
-    println!("| volume | 256^2 | 512^2 | 1024^2 | 2048^2 | 4096^2 |");
-    println!("|---|---|---|---|---|---|");
-    for side in [256, 512, 1024, 2048, 4096, 8192, 16_384] {
-        print!("| {side}^3 |");
-        for image in [256, 512, 1024, 2048, 4096] {
-            print!(" {} |", count(side, [image; 2], None, true)?.0);
-        }
-        println!();
-    }
-    println!(
-        "\nBricks of the cut's leaves at 1 voxel a pixel, opaque, with visibility feedback.\n"
-    );
     println!("| 1024 x 576, 16384^3 | without feedback | with it | ratio |");
     println!("|---|---|---|---|");
     for (name, depth) in [("opaque", OPAQUE), ("transparent", TRANSPARENT)] {
-        let without = count(16_384, SIZE, Some(depth), false)?.0;
-        let with = count(16_384, SIZE, Some(depth), true)?.0;
+        let without = count(16_384, SIZE, depth, false)?.0;
+        let with = count(16_384, SIZE, depth, true)?.0;
         println!("| {name} | {without} | {with} | {:.2} |", with as f64 / without as f64);
     }
+    println!();
+    let images: Vec<u32> =
+        [256, 512, 1024, 2048, 4096].into_iter().filter(|&image| image <= largest).collect();
+    print!("| volume |");
+    images.iter().for_each(|image| print!(" {image}^2 |"));
+    println!("\n|---|{}", "---|".repeat(images.len()));
+    for side in [256, 512, 1024, 2048, 4096, 8192, 16_384] {
+        print!("| {side}^3 |");
+        for &image in &images {
+            print!(" {} |", count(side, [image; 2], OPAQUE, true)?.0);
+        }
+        println!();
+    }
+    println!("\nBricks of the cut's leaves at 1 voxel a pixel, opaque, with visibility feedback.");
     Ok(())
 }
 

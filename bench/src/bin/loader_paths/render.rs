@@ -7,13 +7,13 @@ use octree_store::{Geometry, NodeKey};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Pixels between rays: a brick of 32 voxels at one voxel a pixel is met by dozens; fewer in the largest images.
+/// Pixels between rays: a brick of 32 voxels at one voxel a pixel is met by dozens; in the largest images by four.
 fn stride(view: &View) -> usize {
-    if view.size[0] > 1024 { 8 } else { 4 }
+    (view.size[0] as usize / 256).max(4)
 }
 
 /// Samples in a leaf, at most.
-const SAMPLES: f64 = 16.0;
+const SAMPLES: f64 = 8.0;
 
 /// Where values come from.
 pub(crate) enum Volume {
