@@ -6,6 +6,7 @@ use super::quantised8;
 use super::words::{Word, arranged_bytes, buffer, restore, with_word};
 use super::{Coding, Encoding, Filter};
 use crate::error::Damage;
+use crate::metadata::Metadata;
 use crate::record::NodeRecord;
 use crate::sample::Sample;
 
@@ -31,6 +32,12 @@ impl DecodeScratch {
 }
 
 impl Decoding {
+    /// What the metadata says.
+    pub(crate) fn of(metadata: &Metadata) -> Self {
+        let anchor = if metadata.stored_overlap { Anchor::Brick } else { Anchor::Lattice };
+        Self { encoding: metadata.encoding, anchor }
+    }
+
     /// Whether payloads hold the overlap: else the quantisers of all bricks share a lattice.
     pub(super) fn stored_overlap(&self) -> bool {
         self.anchor == Anchor::Brick

@@ -4,7 +4,6 @@ use super::guard::{Failure, guard};
 use super::index_backend::IndexBackend;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
 use super::tables::ReadTables;
-use crate::encoding::bounded::Anchor;
 use crate::encoding::decode::{DecodeScratch, Decoding};
 use crate::encoding::{Upload, UploadFormat, ValueMap, payload};
 use crate::error::{Damage, StoreError};
@@ -424,9 +423,7 @@ impl Store {
 
     /// What payloads depend on.
     fn decoding(&self) -> Decoding {
-        let stored = self.metadata.stored_overlap;
-        let anchor = if stored { Anchor::Brick } else { Anchor::Lattice };
-        Decoding { encoding: self.metadata.encoding, anchor }
+        Decoding::of(&self.metadata)
     }
 
     /// Checks that the store's samples are `T`.

@@ -1,0 +1,165 @@
+//! Damage, bugs and the end of a loader.
+
+use crate::support::{Made, Show, Watched, foam, make, opaque_above, perspective, scene};
+use octree_store::NodeKey;
+use octree_store::loader::{Event, Frame, LoaderOptions, NodeData, Scene, View};
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+const DIMS: [u64; 3] = [64, 64, 64];
+
+fn volume() -> &'static Made {
+    static MADE: OnceLock<Made> = OnceLock::new();
+    MADE.get_or_init(|| make(DIMS, foam(DIMS)))
+}
+
+fn options() -> LoaderOptions {
+    LoaderOptions { visibility: false, ..LoaderOptions::default() }
+}
+
+fn views() -> [View; 1] {
+    [perspective([32.0, 30.0, -40.0], [32.0, 32.0, 32.0], 60.0, [70, 70])]
+}
+
+/// What each leaf shows: the level of its data, and whether it is a slot.
+fn shown(frame: &Frame) -> BTreeMap<NodeKey, (u8, bool)> {
+    frame
+        .index
+        .leaves()
+        .map(|(key, node)| (key, (node.data_level, matches!(node.data, NodeData::Slot(_)))))
+        .collect()
+}
+
+/// Frames until nothing is left to do, and the nodes reported as damaged.
+fn converge(show: &mut Show, scene: &Scene) -> (Frame, Vec<NodeKey>) {
+    let mut damaged = Vec::new();
+    for _ in 0..1000 {
+        let mut frame = show.frame(scene);
+        for event in std::mem::take(&mut frame.events) {
+            match event {
+                Event::Damaged { key, error } => {
+                    assert!(error.to_string().contains(&key.to_string()), "{error}");
+                    damaged.push(key);
+                }
+                Event::ThreadsLost { .. } => panic!("no thread was to be lost"),
+            }
+        }
+        if frame.converged {
+            return (frame, damaged);
+        }
+        show.loader.wait(Duration::from_millis(20));
+    }
+    panic!("not converged")
+}
+
+#[test]
+fn a_damaged_brick_harms_only_itself() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
+    let leaf = *whole.iter().find(|(key, data)| key.level() == 0 && data.1).unwrap().0;
+    let inner = leaf.parent();
+    for broken in [leaf, inner] {
+        let source = Watched::new(volume());
+        source.broken.lock().unwrap().insert(broken);
+        let mut show = Show::new(source.clone(), options());
+        let (frame, damaged) = converge(&mut show, &scene);
+        assert_eq!(damaged, [broken], "reported once");
+        let mut found = shown(&frame);
+        if broken == leaf {
+            assert_eq!(found.insert(leaf, whole[&leaf]), Some((1, true)), "its parent is shown");
+        }
+        assert_eq!(found, whole, "all others as if nothing were damaged");
+        let tries = source.read().iter().filter(|key| **key == broken).count();
+        assert_eq!(tries, 1, "it is not asked for again");
+
+        // Until it is said to be whole again.
+        source.broken.lock().unwrap().clear();
+        show.loader.retry_damaged();
+        let (frame, damaged) = converge(&mut show, &scene);
+        assert_eq!((shown(&frame), damaged.len()), (whole.clone(), 0));
+    }
+}
+
+#[test]
+fn a_damaged_record_harms_only_what_lies_beneath_it() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
+    let top = volume().store.geometry().top_level();
+    let broken = NodeKey::new(top - 1, [0, 1, 0]);
+    let mut source = Watched::new(volume());
+    source.unreadable.insert(broken);
+    let (frame, damaged) = converge(&mut Show::new(source, options()), &scene);
+    assert_eq!(damaged, [broken]);
+    let mut found = shown(&frame);
+    assert_eq!(found.remove(&broken), Some((top, true)), "its parent is shown");
+    let beyond = |key: NodeKey| {
+        let up = top - 1 - key.level();
+        key.brick_xyz().map(|c| c >> up) != broken.brick_xyz()
+    };
+    let expected: BTreeMap<_, _> = whole.into_iter().filter(|(key, _)| beyond(*key)).collect();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_root_that_cannot_be_read_is_reported_and_nothing_hangs() {
+    let appearance = opaque_above(100.0, 1.0);
+    let (views, root) = (views(), volume().store.geometry().root());
+    let mut source = Watched::new(volume());
+    source.unreadable.insert(root);
+    let (frame, damaged) = converge(&mut Show::new(source, options()), &scene(&views, &appearance));
+    assert_eq!(damaged, [root]);
+    assert!(frame.index.leaves().all(|(_, node)| node.data == NodeData::Missing));
+
+    let source = Watched::new(volume());
+    source.broken.lock().unwrap().insert(root);
+    let (frame, damaged) = converge(&mut Show::new(source, options()), &scene(&views, &appearance));
+    assert_eq!(damaged, [root]);
+    assert!(shown(&frame).values().any(|data| *data == (0, true)), "what lies beneath is whole");
+}
+
+#[test]
+fn a_panic_in_a_thread_is_reported_and_the_others_go_on() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let mut source = Watched::new(volume());
+    source.bug = Some(NodeKey::new(2, [1, 0, 1]));
+    let mut show = Show::new(source.clone(), options());
+    let mut lost = 0;
+    for _ in 0..200 {
+        for event in show.frame(&scene(&views, &appearance)).events {
+            if let Event::ThreadsLost { count } = event {
+                lost += count;
+            }
+        }
+        show.loader.wait(Duration::from_millis(2));
+    }
+    assert_eq!(lost, 1);
+    let _ = source;
+}
+
+#[test]
+fn dropping_the_loader_stops_its_threads_at_once() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let mut source = Watched::new(volume());
+    source.delay = Duration::from_millis(20);
+    let mut show = Show::new(source.clone(), LoaderOptions { threads: 3, ..options() });
+    while show.loader.statistics().queued < 4 {
+        show.frame(&scene(&views, &appearance));
+        show.loader.wait(Duration::from_millis(50));
+    }
+    let waiting = show.loader.statistics().queued;
+    let started = Instant::now();
+    drop(show);
+    // A group takes eight bricks and as many records; what is at hand is one of them.
+    assert!(started.elapsed() < Duration::from_millis(150), "{waiting} groups were waiting");
+    let read = source.read().len();
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(source.read().len(), read, "no thread is left");
+    assert_eq!(std::sync::Arc::strong_count(&source.log), 1, "and none holds the source");
+}

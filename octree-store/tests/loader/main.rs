@@ -1,0 +1,10 @@
+//! Laws of the adaptive loader, with a ray caster of a few lines as the renderer.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod cut;
+mod faults;
+mod index;
+mod loading;
+mod seen;
+mod support;
