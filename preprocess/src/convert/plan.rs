@@ -227,6 +227,8 @@ fn divide_memory(
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
     let zstd = if options.effort == Effort::Small { 320 << 10 } else { 0 };
+    // Lossless bricks are packed from their samples.
+    let codes = if options.encoding == Encoding::Lossless { 0 } else { coded };
     // Differences and their arrangement; codes of eight bits are tried as they are.
     let filters = match (options.encoding, options.effort) {
         (_, Effort::Fast) | (Encoding::Quantised8, Effort::Balanced) => 0,
@@ -235,7 +237,7 @@ fn divide_memory(
     // Gathered samples, means, their parent's block, codes, what filters make of them, and room for
     // compression to fail in.
     let thread_bytes =
-        THREAD_BYTES + 8 * brick + core / 8 + core + coded + filters + coded * 11 / 10 + zstd;
+        THREAD_BYTES + 8 * brick + core / 8 + core + codes + filters + coded * 11 / 10 + zstd;
     let octets = octets(geometry, threads) * (octet_payload_bytes(geometry, coded) + 8 * 512);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);

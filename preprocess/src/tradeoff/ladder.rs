@@ -123,7 +123,7 @@ impl Rung {
     /// The options of a conversion that goes this way.
     pub(super) fn options(&self, how: &ConvertOptions) -> ConvertOptions {
         let Self { encoding, effort, empty_below, overlap_at_rest } = *self;
-        ConvertOptions { encoding, effort, empty_below, overlap_at_rest, ..how.clone() }
+        ConvertOptions { encoding, effort, overlap_at_rest, empty_below, ..how.clone() }
     }
 }
 

@@ -230,7 +230,7 @@ fn a_checkerboard_is_as_far_from_its_mean_as_the_bound_says() {
     let board = voxels(dims, |[x, y, z]| if (x + y + z) % 2 == 0 { 0 } else { u16::MAX });
     let made = converted(dims, board.clone(), &small_bricks(Encoding::Lossless));
     let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
-    let rms = ((32_768.0_f64.powi(2) + 32_767.0_f64.powi(2)) / 2.0).sqrt();
+    let rms = f64::midpoint(32_768.0_f64.powi(2), 32_767.0_f64.powi(2)).sqrt();
     for level in read_levels(made.store.path(), &source, &NoProgress).unwrap().iter().skip(1) {
         assert_eq!(level.deviation_amax, 32_768.0);
         assert!((level.deviation_rms - rms).abs() < 1e-6);
