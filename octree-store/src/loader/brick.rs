@@ -144,3 +144,55 @@ fn texels<T: Sample>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::encoding::encode_samples;
+    use crate::geometry::Geometry;
+    use crate::key::NodeKey;
+    use crate::metadata::Metadata;
+    use crate::store::StoreWriter;
+
+    #[test]
+    fn every_type_comes_in_the_smallest_form_that_keeps_it() {
+        for sample_type in SampleType::ALL {
+            for encoding in [Encoding::Lossless, Encoding::Quantised8] {
+                let geometry = Geometry::new([8, 8, 8], 8, 1).unwrap();
+                let folder = tempfile::tempdir().unwrap();
+                let path = folder.path().join("one.octavo");
+                let (low, high) = sample_type.limits();
+                let (record, payload) = with_sample_type!(sample_type, T => {
+                    // Halves first: the widest range overflows.
+                    let at = |i: usize| (low / 2.0 + (high / 2.0 - low / 2.0) * i as f64 / 999.0) * 2.0;
+                    let samples: Vec<T> = (0..1000).map(|i| T::from_f64(at(i).min(high))).collect();
+                    encode_samples(NodeKey::new(0, [0; 3]), &samples, encoding)
+                });
+                let work = folder.path().join("work");
+                let mut writer = StoreWriter::create(&path, &work, Vec::new()).unwrap();
+                writer.append(&mut [record], &payload, Vec::new()).unwrap();
+                writer.finish(Metadata::new(&geometry, sample_type, encoding)).unwrap();
+                let store = Store::open(&path).unwrap();
+                let (record, samples) = store.read_brick_samples(geometry.root()).unwrap();
+                let brick = store.upload_brick(&record, &mut BrickScratch::default()).unwrap();
+                let exact = encoding == Encoding::Lossless;
+                let format = match (exact, sample_type.is_integer(), sample_type.bytes()) {
+                    (false, ..) | (true, true, 1) => BrickFormat::R8,
+                    (true, true, 2) => BrickFormat::R16,
+                    _ => BrickFormat::R32Float,
+                };
+                assert_eq!((brick.format, brick.texels.len()), (format, 1000 * format.bytes()));
+                if sample_type == SampleType::F64 {
+                    continue; // Its ends do not fit a 32-bit float.
+                }
+                let unit = if format == BrickFormat::R32Float { (high - low) / 1e7 } else { 1e-3 };
+                for i in 0..1000 {
+                    let error = (brick.value(i) - samples.get_f64(i)).abs();
+                    // The store rounds what it reads to whole numbers, and f32 to its own.
+                    let rounded = if exact { 0.0 } else { 0.5 + (high - low) * 1e-7 };
+                    assert!(error <= unit + rounded, "{sample_type} {encoding:?} {i}: {error}");
+                }
+            }
+        }
+    }
+}
