@@ -192,3 +192,34 @@ impl Writing<'_> {
         Ok(self.writer.commit(&state.to_bytes(), self.octets)?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::NoProgress;
+
+    #[test]
+    fn a_slot_is_filled_anew_only_when_what_needed_it_is_durable() {
+        let (sender, receiver) = sync_channel(1);
+        let durable = AtomicU64::new(7);
+        let mut walk = ToWriter { sender, progress: &NoProgress, durable: &durable };
+        walk.wait_until_durable(7).unwrap();
+        assert!(receiver.try_recv().is_err(), "nobody is asked for what is known");
+        thread::scope(|scope| {
+            thread::Builder::new()
+                .spawn_scoped(scope, || {
+                    let Ok(Message::MakeDurable(octets, answer)) = receiver.recv() else {
+                        panic!("the writer is asked")
+                    };
+                    durable.store(octets, Ordering::Release);
+                    answer.send(()).unwrap();
+                })
+                .unwrap();
+            walk.wait_until_durable(8).unwrap();
+            assert_eq!(durable.load(Ordering::Acquire), 8, "and waited for");
+        });
+        // A writer that is gone answers nobody.
+        drop(receiver);
+        assert!(matches!(walk.wait_until_durable(9), Err(PreprocessError::Cancelled)));
+    }
+}
