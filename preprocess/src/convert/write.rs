@@ -205,21 +205,20 @@ mod tests {
         let mut walk = ToWriter { sender, progress: &NoProgress, durable: &durable };
         walk.wait_until_durable(7).unwrap();
         assert!(receiver.try_recv().is_err(), "nobody is asked for what is known");
+        let durable = &durable;
         thread::scope(|scope| {
-            thread::Builder::new()
-                .spawn_scoped(scope, || {
-                    let Ok(Message::MakeDurable(octets, answer)) = receiver.recv() else {
-                        panic!("the writer is asked")
-                    };
+            let writer = move || match receiver.recv().unwrap() {
+                Message::MakeDurable(octets, answer) => {
                     durable.store(octets, Ordering::Release);
                     answer.send(()).unwrap();
-                })
-                .unwrap();
+                }
+                Message::Octet(_) => unreachable!("none was sent"),
+            };
+            thread::Builder::new().spawn_scoped(scope, writer).unwrap();
             walk.wait_until_durable(8).unwrap();
-            assert_eq!(durable.load(Ordering::Acquire), 8, "and waited for");
+            assert_eq!(durable.load(Ordering::Acquire), 8, "the writer is asked, and waited for");
         });
         // A writer that is gone answers nobody.
-        drop(receiver);
         assert!(matches!(walk.wait_until_durable(9), Err(PreprocessError::Cancelled)));
     }
 }
