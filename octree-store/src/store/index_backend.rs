@@ -55,8 +55,10 @@ impl StorageBackend for IndexBackend {
         self.file.set_len(self.offset + len)
     }
 
+    /// Does nothing: the file is no store before its first page says so, and all of it is synced before
+    /// that is written.
     fn sync_data(&self) -> io::Result<()> {
-        if self.length.is_some() { Ok(()) } else { self.file.sync_data() }
+        Ok(())
     }
 
     fn write(&self, offset: u64, data: &[u8]) -> io::Result<()> {

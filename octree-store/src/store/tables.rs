@@ -3,7 +3,7 @@
 use super::guard::{Failure, guard};
 use redb::{
     Database, Durability, ReadOnlyTable, ReadTransaction, ReadableDatabase, TableDefinition,
-    WriteTransaction,
+    TableError, WriteTransaction,
 };
 use std::ops::RangeInclusive;
 
@@ -64,11 +64,16 @@ impl ReadTables {
     }
 
     /// Calls `visit` with (parent, what is known of it) of work in progress, until it returns false.
+    /// Where nothing was kept of any parent there is no such table.
     pub(super) fn visit_progress(
         &self,
         visit: impl FnMut(u64, &[u8]) -> bool,
     ) -> Result<(), Failure> {
-        let table = guard(|| self.transaction.open_table(PROGRESS))?;
+        let table = guard(|| match self.transaction.open_table(PROGRESS) {
+            Err(TableError::TableDoesNotExist(_)) => Ok(None),
+            table => table.map(Some),
+        })?;
+        let Some(table) = table else { return Ok(()) };
         Self::visit(&table, 0..=u64::MAX, visit)
     }
 
@@ -106,8 +111,17 @@ pub(super) struct WriteTables(WriteTransaction);
 impl WriteTables {
     /// Begins a transaction that will survive a power cut once committed.
     pub(super) fn begin(database: &Database) -> Result<Self, Failure> {
+        Self::begin_with(database, Durability::Immediate)
+    }
+
+    /// Begins a transaction for this process alone: who opens the file later may not find it.
+    pub(super) fn begin_passing(database: &Database) -> Result<Self, Failure> {
+        Self::begin_with(database, Durability::None)
+    }
+
+    fn begin_with(database: &Database, durability: Durability) -> Result<Self, Failure> {
         let mut transaction = guard(|| database.begin_write())?;
-        guard(|| transaction.set_durability(Durability::Immediate))?;
+        guard(|| transaction.set_durability(durability))?;
         // Opening after a kill then takes a millisecond instead of a scan of the file.
         transaction.set_quick_repair(true);
         for table in [META, NODES] {
