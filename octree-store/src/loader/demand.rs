@@ -13,7 +13,8 @@ pub enum Criterion {
     /// Also when the error of showing it in place of full resolution is bounded by `tolerance`: the node
     /// record's bound on deviation, times the steepness of the transfer function in the node's range, through
     /// the whole brick, as an opacity of 0 to 1. With [`Deviation::Largest`] that holds for every sample,
-    /// with [`Deviation::RootMeanSquare`] for the typical one.
+    /// with [`Deviation::RootMeanSquare`] for the typical one. An isosurface's place is bounded only where
+    /// nothing deviates.
     MeasuredError {
         /// The error that is borne, 0 to 1: 1/255 is one step of a display.
         tolerance: f64,

@@ -234,7 +234,14 @@ impl Appearance {
                 let steepness = function.steepness(range[0], range[1]);
                 if steepness == 0.0 { 0.0 } else { -(-steepness * deviation * length).exp_m1() }
             }
-            Self::Isovalue(_) => f64::INFINITY,
+            // A surface moves by the deviation over the gradient, which may be as small as it likes.
+            Self::Isovalue(_) => {
+                if deviation == 0.0 {
+                    0.0
+                } else {
+                    f64::INFINITY
+                }
+            }
             Self::Everything => deviation / (volume_range[1] - volume_range[0]),
         }
     }
@@ -299,6 +306,9 @@ mod tests {
         assert!(Appearance::Isovalue(5.0).is_empty(6.0, 7.0));
         assert!(!Appearance::Isovalue(5.0).is_empty(5.0, 7.0));
         assert!(!Appearance::Everything.is_empty(0.0, 0.0));
+        let error =
+            |deviation| Appearance::Isovalue(5.0).error([4.0, 6.0], deviation, 1.0, [0.0, 9.0]);
+        assert_eq!([error(0.0), error(1e-9)], [0.0, f64::INFINITY], "nothing bounds the gradient");
     }
 
     proptest! {

@@ -1,8 +1,8 @@
 //! Damage, bugs and the end of a loader.
 
 use crate::support::{Made, Show, Watched, foam, make, opaque_above, perspective, scene};
-use octree_store::NodeKey;
 use octree_store::loader::{Event, Frame, LoaderOptions, NodeData, Scene, View};
+use octree_store::{NodeKey, Store};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -81,6 +81,28 @@ fn a_damaged_brick_harms_only_itself() {
         let (frame, damaged) = converge(&mut show, &scene);
         assert_eq!((shown(&frame), damaged.len()), (whole.clone(), 0));
     }
+}
+
+/// The same with bytes of the file: each is changed in one brick, and the loader reads the store itself.
+#[test]
+fn a_flipped_bit_in_the_file_is_reported_and_its_parent_is_shown() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
+    let leaf = *whole.iter().find(|(key, data)| key.level() == 0 && data.1).unwrap().0;
+    let place = volume().records[&leaf].place;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flipped.octavo");
+    let mut bytes = std::fs::read(&volume().path).unwrap();
+    // Payloads begin behind the first page (FORMAT.md).
+    bytes[4096 + place.offset as usize + place.length as usize / 2] ^= 4;
+    std::fs::write(&path, bytes).unwrap();
+    let (frame, damaged) = converge(&mut Show::new(Store::open(&path).unwrap(), options()), &scene);
+    assert_eq!(damaged, [leaf]);
+    let mut found = shown(&frame);
+    assert_eq!(found.insert(leaf, whole[&leaf]), Some((1, true)), "its parent is shown");
+    assert_eq!(found, whole);
 }
 
 #[test]

@@ -287,7 +287,7 @@ pub(crate) struct Show {
 }
 
 impl Show {
-    pub(crate) fn new(source: Watched, options: LoaderOptions) -> Self {
+    pub(crate) fn new(source: impl BrickSource, options: LoaderOptions) -> Self {
         let geometry = *source.geometry();
         let loader = Loader::new(source, options).unwrap();
         Self { loader, renderer: Renderer::default(), geometry, octants: true }
