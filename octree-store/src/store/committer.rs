@@ -17,8 +17,7 @@ use std::thread::JoinHandle;
 #[derive(Debug)]
 pub(super) struct Commit {
     pub(super) groups: Vec<Group>,
-    /// How far the work is; empty for the last records of all, which are read back at once and need
-    /// not outlive the process.
+    /// How far the work is.
     pub(super) state: Vec<u8>,
     /// What [`Committer::done`] answers once it is durable.
     pub(super) mark: u64,
@@ -136,11 +135,6 @@ fn stopped(path: &Path) -> StoreError {
 }
 
 fn commit(database: &Database, files: &[Arc<File>], job: &Commit) -> Result<(), Failure> {
-    if job.state.is_empty() {
-        let transaction = WriteTables::begin_passing(database)?;
-        transaction.write_groups(&job.groups)?;
-        return transaction.commit();
-    }
     for file in files {
         file.sync_data().map_err(Failure::Io)?;
     }

@@ -31,6 +31,13 @@ impl ReadTables {
         Ok(Self { nodes, transaction })
     }
 
+    /// As [`ReadTables::open`], of work in progress; `None` where nothing was ever committed.
+    pub(super) fn open_begun(database: &impl ReadableDatabase) -> Result<Option<Self>, Failure> {
+        let transaction = guard(|| database.begin_read())?;
+        let nodes = guard(|| existing(transaction.open_table(NODES)))?;
+        Ok(nodes.map(|nodes| Self { nodes, transaction }))
+    }
+
     pub(super) fn metadata(&self) -> Result<Option<Vec<u8>>, Failure> {
         self.value(META, META_KEY)
     }
@@ -69,10 +76,7 @@ impl ReadTables {
         &self,
         visit: impl FnMut(u64, &[u8]) -> bool,
     ) -> Result<(), Failure> {
-        let table = guard(|| match self.transaction.open_table(PROGRESS) {
-            Err(TableError::TableDoesNotExist(_)) => Ok(None),
-            table => table.map(Some),
-        })?;
+        let table = guard(|| existing(self.transaction.open_table(PROGRESS)))?;
         let Some(table) = table else { return Ok(()) };
         Self::visit(&table, 0..=u64::MAX, visit)
     }
@@ -96,6 +100,14 @@ impl ReadTables {
     }
 }
 
+/// A table, or `None` where there is none of its name.
+fn existing<T>(table: Result<T, TableError>) -> Result<Option<T>, TableError> {
+    match table {
+        Err(TableError::TableDoesNotExist(_)) => Ok(None),
+        table => table.map(Some),
+    }
+}
+
 /// The records of one octet, and what is known of its parent.
 #[derive(Debug, Clone)]
 pub(super) struct Group {
@@ -111,17 +123,8 @@ pub(super) struct WriteTables(WriteTransaction);
 impl WriteTables {
     /// Begins a transaction that will survive a power cut once committed.
     pub(super) fn begin(database: &Database) -> Result<Self, Failure> {
-        Self::begin_with(database, Durability::Immediate)
-    }
-
-    /// Begins a transaction for this process alone: who opens the file later may not find it.
-    pub(super) fn begin_passing(database: &Database) -> Result<Self, Failure> {
-        Self::begin_with(database, Durability::None)
-    }
-
-    fn begin_with(database: &Database, durability: Durability) -> Result<Self, Failure> {
         let mut transaction = guard(|| database.begin_write())?;
-        guard(|| transaction.set_durability(durability))?;
+        guard(|| transaction.set_durability(Durability::Immediate))?;
         // Opening after a kill then takes a millisecond instead of a scan of the file.
         transaction.set_quick_repair(true);
         for table in [META, NODES] {
@@ -148,20 +151,37 @@ impl WriteTables {
         })
     }
 
-    /// Copies groups of records from elsewhere; `next` gives them in key order.
+    /// Writes groups of records in key order: those that were `committed` to a work index, and `last`, which
+    /// no commit has taken. `seen` gets the records of each.
     pub(super) fn copy_nodes(
         &self,
-        source: &ReadTables,
-        mut seen: impl FnMut(&[u8]),
+        committed: Option<&ReadTables>,
+        mut last: Vec<Group>,
+        mut seen: impl FnMut(&[u8]) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
+        last.sort_unstable_by_key(|group| group.parent);
+        let mut last = last.into_iter().peekable();
         let mut nodes = guard(|| self.0.open_table(NODES))?;
+        let mut insert = |parent: u64, records: &[u8]| {
+            seen(records)?;
+            guard(|| nodes.insert(parent, records).map(drop))
+        };
         let mut outcome = Ok(());
-        source.visit_nodes(0..=u64::MAX, |parent, records| {
-            seen(records);
-            outcome = guard(|| nodes.insert(parent, records).map(drop));
-            outcome.is_ok()
-        })?;
-        outcome
+        if let Some(committed) = committed {
+            committed.visit_nodes(0..=u64::MAX, |parent, records| {
+                while let Some(group) = last.next_if(|group| group.parent < parent)
+                    && outcome.is_ok()
+                {
+                    outcome = insert(group.parent, &group.records);
+                }
+                if outcome.is_ok() {
+                    outcome = insert(parent, records);
+                }
+                outcome.is_ok()
+            })?;
+        }
+        outcome?;
+        last.try_for_each(|group| insert(group.parent, &group.records))
     }
 
     pub(super) fn set_metadata(&self, bytes: &[u8]) -> Result<(), Failure> {

@@ -76,20 +76,27 @@ impl StoreWriter {
     /// When a file exists or cannot be created.
     pub fn create(path: &Path, work_path: &Path, synced: Vec<File>) -> Result<Self, StoreError> {
         let file = new_file(path).map_err(|source| io_at(path, source))?;
-        let begin = || {
-            lock(&file, path)?;
-            Superblock::unfinished().write(&file).map_err(|source| io_at(path, source))?;
-            let work = new_file(work_path).map_err(|source| io_at(work_path, source))?;
-            create_database(work, work_path)
-        };
-        match begin() {
-            Ok(database) => Self::new(path, work_path, file, database, synced, 0),
-            Err(error) => {
-                // A file without content is of no use to anyone; the error says what is wrong.
-                let _ = std::fs::remove_file(path);
-                Err(error)
-            }
-        }
+        lock(&file, path)?;
+        Self::create_in(file, path, work_path, synced).inspect_err(|_| {
+            // A file without content is of no use to anyone; the error says what is wrong.
+            let _ = std::fs::remove_file(path);
+        })
+    }
+
+    /// As [`StoreWriter::create`], in the empty file at `path`, which the caller has opened and locked.
+    ///
+    /// # Errors
+    /// When the work index exists or cannot be created, or the file cannot be written.
+    pub fn create_in(
+        file: File,
+        path: &Path,
+        work_path: &Path,
+        synced: Vec<File>,
+    ) -> Result<Self, StoreError> {
+        Superblock::unfinished().write(&file).map_err(|source| io_at(path, source))?;
+        let work = new_file(work_path).map_err(|source| io_at(work_path, source))?;
+        let database = create_database(work, work_path, false)?;
+        Self::new(path, work_path, file, database, synced, 0)
     }
 
     /// Goes on with a store in the making; `None` where nothing of it was committed. What was
@@ -102,17 +109,31 @@ impl StoreWriter {
         work_path: &Path,
         synced: Vec<File>,
     ) -> Result<Option<(Self, Committed)>, StoreError> {
-        let open = |path: &Path| OpenOptions::new().read(true).write(true).open(path);
-        let file = open(path).map_err(|source| io_at(path, source))?;
+        let file = existing_file(path).map_err(|source| io_at(path, source))?;
         lock(&file, path)?;
-        let work = open(work_path).map_err(|source| io_at(work_path, source))?;
+        Self::resume_in(file, path, work_path, synced)
+    }
+
+    /// As [`StoreWriter::resume`], of the file at `path`, which the caller has opened and locked.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written, or is no store in the making. All of the work index is
+    /// checked against its checksums.
+    pub fn resume_in(
+        file: File,
+        path: &Path,
+        work_path: &Path,
+        synced: Vec<File>,
+    ) -> Result<Option<(Self, Committed)>, StoreError> {
+        let work = existing_file(work_path).map_err(|source| io_at(work_path, source))?;
         if !is_begun(&work).map_err(|source| io_at(work_path, source))? {
             return Ok(None);
         }
-        let database = create_database(work, work_path)?;
+        let database = create_database(work, work_path, true)?;
         let at_work = |failure: Failure| failure.at(work_path);
-        // A file that was never committed to has no tables.
-        let Ok(tables) = ReadTables::open(&database) else { return Ok(None) };
+        let Some(tables) = ReadTables::open_begun(&database).map_err(at_work)? else {
+            return Ok(None);
+        };
         let Some(state) = tables.state().map_err(at_work)? else { return Ok(None) };
         let mut progress = Vec::new();
         tables
@@ -248,12 +269,10 @@ impl StoreWriter {
     /// # Errors
     /// When the file cannot be written, or the metadata describes no volume.
     pub fn finish(mut self, mut metadata: Metadata) -> Result<Metadata, StoreError> {
-        let groups = std::mem::take(&mut self.groups);
         self.payloads.flush().map_err(|source| io_at(&self.path, source))?;
-        if !groups.is_empty() {
-            self.committer.send(Commit { groups, state: Vec::new(), mark: 0 })?;
-        }
-        let Self { path, work_path, file, payloads, committer, .. } = self;
+        // What no commit has taken does not go into the work index: records there that its state does
+        // not count would mislead one who resumes after a kill in here.
+        let Self { path, work_path, file, payloads, committer, groups, .. } = self;
         let payload_bytes = payloads.bytes();
         let work = committer.finish()?;
         let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
@@ -268,14 +287,18 @@ impl StoreWriter {
                 .map_err(|failure| failure.at(&path))?;
         let mut summary = Summary::new(&geometry);
         let mut digest = Digest::default();
-        let records = ReadTables::open(&work).map_err(|failure| failure.at(&work_path))?;
+        let committed = ReadTables::open_begun(&work).map_err(|failure| failure.at(&work_path))?;
         let transaction = WriteTables::begin(&index).map_err(|failure| failure.at(&path))?;
         let write = || {
-            transaction.copy_nodes(&records, |group| {
-                for record in group.chunks(NodeRecord::BYTES).filter_map(NodeRecord::from_bytes) {
+            transaction.copy_nodes(committed.as_ref(), groups, |group| {
+                for bytes in group.chunks(NodeRecord::BYTES) {
+                    let record = NodeRecord::from_bytes(bytes).ok_or_else(|| {
+                        Failure::Corrupt("the work index holds a record that is damaged".into())
+                    })?;
                     summary.add(&record);
                     digest.add(&record);
                 }
+                Ok(())
             })?;
             summary.write_into(&mut metadata);
             metadata.complete = true;
@@ -315,6 +338,10 @@ fn new_file(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).create_new(true).open(path)
 }
 
+fn existing_file(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).open(path)
+}
+
 /// Locks a file that is being written; the lock goes with the file.
 fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
     match file.try_lock() {
@@ -334,11 +361,14 @@ fn is_begun(file: &File) -> io::Result<bool> {
     }
 }
 
-/// Opens redb's file, in order after a kill, or a new one.
-fn create_database(file: File, path: &Path) -> Result<Database, StoreError> {
+/// Opens redb's file, in order after a kill, or a new one; `checked` reads all of it.
+fn create_database(file: File, path: &Path, checked: bool) -> Result<Database, StoreError> {
     guard(|| {
         let backend = redb::backends::FileBackend::new(file)?;
-        Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(backend)
+        Builder::new()
+            .set_cache_size(WRITER_CACHE_BYTES)
+            .set_check_integrity_on_open(checked)
+            .create_with_backend(backend)
     })
     .map_err(|failure| failure.at(path))
 }

@@ -27,7 +27,7 @@ use brick::BrickEncoder;
 use octree_store::encoding::BrickFormat;
 use octree_store::{
     DownsampleFilter, Effort, Encoding, Metadata, OverlapAtRest, Region, Sample, SampleType,
-    StoreWriter, with_sample_type,
+    StoreError, StoreWriter, with_sample_type,
 };
 use output::Output;
 use resume::{Kept, State};
@@ -284,7 +284,7 @@ pub fn convert(
         Ok(metadata) => metadata,
         Err(error) => return Err(kept_or_not(error.into(), true, &mut place)),
     };
-    place.finish()?;
+    place.finish().map_err(|error| kept(error, &mut place))?;
     let file_bytes = std::fs::metadata(output)
         .map_err(|source| PreprocessError::Output { path: output.to_owned(), source })?
         .len();
@@ -312,11 +312,22 @@ fn describe_values(metadata: &mut Metadata, values: &VolumeValues) {
 
 /// Keeps what is durable where it is of use to one who resumes: the error says so then.
 fn kept_or_not(error: PreprocessError, durable: bool, place: &mut Output) -> PreprocessError {
-    if !durable || !error.is_environment() {
-        return error;
-    }
+    if durable && error.is_environment() { kept(error, place) } else { error }
+}
+
+fn kept(error: PreprocessError, place: &mut Output) -> PreprocessError {
     place.keep();
     PreprocessError::Kept { path: place.partial.clone(), source: Box::new(error) }
+}
+
+/// Of damage in what earlier work has left, what to do.
+fn cannot_resume(error: StoreError) -> PreprocessError {
+    let (path, what) = match error {
+        StoreError::MetadataDamaged { path, .. } => (path, "this file is damaged or cut short"),
+        StoreError::Database { path, .. } => (path, "this file is damaged"),
+        other => return other.into(),
+    };
+    PreprocessError::CannotResume { path, what }
 }
 
 /// A conversion that can go on: from its beginning, or from where an earlier one was ended.
@@ -342,12 +353,12 @@ impl Begun {
             if let Some(resumed) = Self::resume(&state, source, plan, place)? {
                 return Ok(resumed);
             }
-            place.remove_work()?;
+            place.start_over()?;
         }
-        place.made();
         let scratch = place.open_scratch(plan.slots_bytes)?;
         let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
-        let writer = StoreWriter::create(&place.partial, &place.index, vec![synced])?;
+        let writer =
+            StoreWriter::create_in(place.file()?, &place.partial, &place.index, vec![synced])?;
         Ok(Self { writer, state, kept: Kept::default(), scratch })
     }
 
@@ -360,8 +371,9 @@ impl Begun {
     ) -> Result<Option<Self>, PreprocessError> {
         let scratch = place.open_scratch(plan.slots_bytes)?;
         let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
-        let resumed = StoreWriter::resume(&place.partial, &place.index, vec![synced])?;
-        let Some((writer, committed)) = resumed else { return Ok(None) };
+        let resumed =
+            StoreWriter::resume_in(place.file()?, &place.partial, &place.index, vec![synced]);
+        let Some((writer, committed)) = resumed.map_err(cannot_resume)? else { return Ok(None) };
         let state = state.found(&committed.state, &place.index)?;
         let kept = Kept::read(&committed.progress).ok_or_else(|| {
             let what = "what it kept of the levels is cut short";

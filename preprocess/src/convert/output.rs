@@ -1,5 +1,6 @@
 //! The output's names: work goes to files beside it (`OUT.partial`, `OUT.index`, and scratch), and
-//! `OUT.partial` becomes `OUT` when it is whole.
+//! `OUT.partial` becomes `OUT` when it is whole. Whoever works on an output holds the lock of `OUT.partial`,
+//! and takes it before looking at anything else.
 
 use super::plan::folder_of;
 use crate::error::PreprocessError;
@@ -7,6 +8,7 @@ use crate::source::map::take_blocks;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use twox_hash::XxHash3_64;
 
@@ -36,85 +38,98 @@ pub(super) struct Output {
     pub(super) resumes: bool,
     /// Whether the files are ours to remove.
     made: bool,
+    /// `OUT.partial`, locked.
+    file: File,
+}
+
+/// Refuses an output that would replace a source, or lie in no folder.
+///
+/// # Errors
+/// When it would.
+pub(crate) fn check_place(path: &Path, sources: &[PathBuf]) -> Result<(), PreprocessError> {
+    let owned = || path.to_owned();
+    let canonical = path.canonicalize().ok();
+    if canonical.is_some() && sources.iter().any(|source| source.canonicalize().ok() == canonical) {
+        return Err(PreprocessError::OutputIsInput { path: owned() });
+    }
+    if path.file_name().is_none() || !folder_of(path).is_dir() {
+        let source = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
+        return Err(PreprocessError::Output { path: owned(), source });
+    }
+    Ok(())
 }
 
 impl Output {
-    /// Looks at what is there already. `sources` must not be the output.
+    /// Takes an output and looks at what is there already. `sources` must not be the output.
     pub(super) fn prepare(
         path: &Path,
         sources: &[PathBuf],
         scratch_folder: Option<&Path>,
         start: Start,
     ) -> Result<Self, PreprocessError> {
-        let owned = || path.to_owned();
-        let canonical = path.canonicalize().ok();
-        if canonical.is_some()
-            && sources.iter().any(|source| source.canonicalize().ok() == canonical)
-        {
-            return Err(PreprocessError::OutputIsInput { path: owned() });
+        check_place(path, sources)?;
+        let exists = || PreprocessError::Exists { path: path.to_owned() };
+        if path.exists() && !(start == Start::Resume || start == Start::Replace && path.is_file()) {
+            return Err(exists());
         }
-        if path.file_name().is_none() || !folder_of(path).is_dir() {
-            let source = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
-            return Err(PreprocessError::Output { path: owned(), source });
-        }
+        let partial = with_ending(path, ".partial");
         let mut output = Self {
-            path: owned(),
-            partial: with_ending(path, ".partial"),
+            path: path.to_owned(),
             index: with_ending(path, ".index"),
             scratch: scratch_path(path, scratch_folder),
             resumes: false,
             made: false,
+            file: lock(&partial)?,
+            partial,
         };
-        let busy = File::open(&output.partial)
-            .is_ok_and(|file| matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)));
-        if busy {
-            return Err(PreprocessError::Busy { path: output.partial.clone() });
-        }
-        let left = output.work().into_iter().find(|file| file.exists()).cloned();
-        if path.exists() && (left.is_none() || start != Start::Resume) {
-            let replaced = path.is_file() && start == Start::Replace;
-            if !replaced {
-                return Err(PreprocessError::Exists { path: owned() });
-            }
-        }
-        match (start, left) {
-            (Start::Fresh, Some(left)) => return Err(PreprocessError::Unfinished { path: left }),
-            (Start::Resume, Some(_)) if output.partial.exists() && output.index.exists() => {
-                output.resumes = true;
-            }
+        let length = output.file.metadata().map_err(|source| output.at(&output.partial, source))?;
+        let begun = length.len() > 0;
+        let work = [&output.partial, &output.index, &output.scratch];
+        let left = work[usize::from(!begun)..].iter().find(|file| file.exists());
+        match (start, left.map(|file| file.to_path_buf())) {
             // The store has its name already, and was ended before all else was gone.
-            (Start::Resume, Some(_)) if path.exists() && !output.partial.exists() => {
+            (Start::Resume, _) if path.exists() && !begun => {
                 output.remove_work()?;
-                return Err(PreprocessError::Exists { path: owned() });
+                return Err(exists());
             }
-            (Start::Replace | Start::Resume, Some(_)) => output.remove_work()?,
-            (_, None) => {}
+            (Start::Fresh, Some(left)) => {
+                if !begun {
+                    remove(&output.partial).map_err(|source| output.at(&left, source))?;
+                }
+                return Err(PreprocessError::Unfinished { path: left });
+            }
+            (Start::Resume, Some(_)) if begun && output.index.exists() => output.resumes = true,
+            (Start::Replace | Start::Resume, Some(_)) => output.start_over()?,
+            (_, None) => output.made = true,
         }
         Ok(output)
     }
 
-    /// The files that stand for unfinished work.
-    fn work(&self) -> [&PathBuf; 3] {
-        [&self.partial, &self.index, &self.scratch]
+    /// The locked file of the store in the making.
+    pub(super) fn file(&self) -> Result<File, PreprocessError> {
+        self.file.try_clone().map_err(|source| self.at(&self.partial, source))
     }
 
-    /// Removes unfinished work.
-    pub(super) fn remove_work(&mut self) -> Result<(), PreprocessError> {
+    /// Empties what earlier work has left; from now on the files are ours.
+    pub(super) fn start_over(&mut self) -> Result<(), PreprocessError> {
         self.resumes = false;
-        for file in self.work() {
-            match fs::remove_file(file) {
-                Err(source) if source.kind() != io::ErrorKind::NotFound => {
-                    return Err(PreprocessError::Output { path: file.clone(), source });
-                }
-                _ => {}
-            }
+        self.made = true;
+        for file in [&self.index, &self.scratch] {
+            remove(file).map_err(|source| self.at(file, source))?;
+        }
+        self.file.set_len(0).map_err(|source| self.at(&self.partial, source))
+    }
+
+    fn remove_work(&self) -> Result<(), PreprocessError> {
+        // The lock's file goes last: who takes the output then finds nothing else.
+        for file in [&self.index, &self.scratch, &self.partial] {
+            remove(file).map_err(|source| self.at(file, source))?;
         }
         Ok(())
     }
 
-    /// Says that the files are ours from now on.
-    pub(super) fn made(&mut self) {
-        self.made = true;
+    fn at(&self, file: &Path, source: io::Error) -> PreprocessError {
+        PreprocessError::Output { path: file.to_owned(), source }
     }
 
     /// Says that the files stay for one who resumes.
@@ -124,30 +139,82 @@ impl Output {
 
     /// The scratch file, with room for so many bytes; a new one unless work is resumed.
     pub(super) fn open_scratch(&self, bytes: u64) -> Result<File, PreprocessError> {
-        let open = || {
+        let refuse = |what| Err(PreprocessError::CannotResume { path: self.scratch.clone(), what });
+        let open = || -> io::Result<(File, u64)> {
             let mut options = OpenOptions::new();
             options.read(true).write(true).create_new(!self.resumes);
             let file = options.open(&self.scratch)?;
-            if file.metadata()?.len() != bytes {
-                if self.resumes {
-                    return Err(io::Error::new(io::ErrorKind::InvalidData, "it has another size"));
-                }
+            if !self.resumes {
                 take_blocks(&file, bytes)?;
             }
-            Ok(file)
+            let length = file.metadata()?.len();
+            Ok((file, length))
         };
-        open().map_err(|source| PreprocessError::ScratchFile { path: self.scratch.clone(), source })
+        match open() {
+            Ok((_, length)) if length != bytes => {
+                refuse("this file has another length than it had")
+            }
+            Err(source) if self.resumes && source.kind() == io::ErrorKind::NotFound => {
+                refuse("this file is not there; was it begun with another --scratch folder?")
+            }
+            opened => opened.map(|(file, _)| file).map_err(|source| PreprocessError::ScratchFile {
+                path: self.scratch.clone(),
+                source,
+            }),
+        }
     }
 
     /// Gives the finished store its name, in one step, and removes what was needed on the way.
-    pub(super) fn finish(mut self) -> Result<(), PreprocessError> {
+    pub(super) fn finish(&mut self) -> Result<(), PreprocessError> {
+        let ours = [&self.index, &self.scratch].map(|file| identity(file));
         let rename = || {
             fs::rename(&self.partial, &self.path)?;
             File::open(folder_of(&self.path))?.sync_all()
         };
-        rename().map_err(|source| PreprocessError::Output { path: self.path.clone(), source })?;
+        rename().map_err(|source| self.at(&self.path, source))?;
         self.made = false;
-        self.remove_work()
+        // With its name the store has left the lock to others, whose files may have the same names.
+        for (file, ours) in [&self.index, &self.scratch].into_iter().zip(ours) {
+            if ours.is_some() && identity(file) == ours {
+                remove(file).map_err(|source| self.at(file, source))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Opens or makes a file and locks it, unless another process has it.
+fn lock(path: &Path) -> Result<File, PreprocessError> {
+    let io = |source| PreprocessError::Output { path: path.to_owned(), source };
+    loop {
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        let file = options.open(path).map_err(io)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(fs::TryLockError::WouldBlock) => {
+                return Err(PreprocessError::Busy { path: path.to_owned() });
+            }
+            Err(fs::TryLockError::Error(source)) => return Err(io(source)),
+        }
+        // Who had it before may have renamed or removed it meanwhile.
+        let locked = file.metadata().map_err(io)?;
+        if identity(path) == Some((locked.dev(), locked.ino())) {
+            return Ok(file);
+        }
+    }
+}
+
+/// What tells a file from another of its name.
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    fs::metadata(path).ok().map(|file| (file.dev(), file.ino()))
+}
+
+/// Removes a file that may not be there.
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
     }
 }
 
@@ -187,10 +254,9 @@ mod tests {
     fn what_is_not_finished_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.octavo");
-        let mut output = prepare(&path, Start::Fresh).unwrap();
+        let output = prepare(&path, Start::Fresh).unwrap();
         fs::write(&output.partial, "half").unwrap();
         assert_eq!(output.open_scratch(100).unwrap().metadata().unwrap().len(), 100);
-        output.made();
         drop(output);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -203,10 +269,11 @@ mod tests {
         for start in [Start::Fresh, Start::Resume] {
             assert!(matches!(prepare(&path, start), Err(PreprocessError::Exists { .. })));
         }
-        let output = prepare(&path, Start::Replace).unwrap();
+        let mut output = prepare(&path, Start::Replace).unwrap();
         fs::write(&output.partial, "new").unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "old", "until the new one is whole");
         output.finish().unwrap();
+        drop(output);
         assert_eq!(fs::read_to_string(&path).unwrap(), "new");
 
         let itself = [folder.path().join("./a.octavo")];
@@ -227,13 +294,17 @@ mod tests {
                 Err(PreprocessError::Unfinished { .. })
             ));
         }
-        assert!(prepare(&other, Start::Resume).unwrap().resumes);
-        let writer = File::open(&left[0]).unwrap();
-        writer.lock().unwrap();
-        let second = prepare(&other, Start::Replace);
-        assert!(matches!(second, Err(PreprocessError::Busy { .. })), "someone is writing it");
-        drop(writer);
-        assert!(!prepare(&other, Start::Replace).unwrap().resumes);
+        let first = prepare(&other, Start::Resume).unwrap();
+        assert!(first.resumes);
+        for start in [Start::Fresh, Start::Replace, Start::Resume] {
+            assert!(matches!(prepare(&other, start), Err(PreprocessError::Busy { .. })));
+        }
+        drop(first);
+        assert!(left.iter().all(|file| file.exists()), "what was resumed is not ours to remove");
+        let replacing = prepare(&other, Start::Replace).unwrap();
+        assert!(!replacing.resumes);
+        assert_eq!(fs::metadata(&left[0]).unwrap().len(), 0);
+        drop(replacing);
         assert!(left.iter().all(|file| !file.exists()));
         assert_eq!(fs::read_to_string(mine).unwrap(), "a report", "only what octavo makes goes");
 

@@ -153,6 +153,76 @@ fn ended_anywhere_it_goes_on(bench: &Bench, step: usize) {
     }
 }
 
+/// Puts a folder where the store is to get its name.
+struct Obstructed(PathBuf);
+
+impl Progress for Obstructed {
+    fn bricks_done(&self, _: u64) {
+        fs::create_dir_all(&self.0).unwrap();
+    }
+
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+/// As by a kill between the store's end and its name: what was finished without a commit must not be
+/// taken for done.
+#[test]
+fn a_store_that_could_not_get_its_name_is_gone_on_with() {
+    let bench = Bench::raw();
+    let expected = undisturbed(&bench).metadata;
+    // From a commit after every octet to none but the first few.
+    for commit_source_bytes in [1, 20_000, 50_000, 150_000, 250_000] {
+        let options = |start| ConvertOptions { commit_source_bytes, ..options(start) };
+        let ended = bench.convert(&options(Start::Fresh), &Obstructed(bench.output()));
+        assert!(matches!(ended, Err(PreprocessError::Kept { .. })), "{ended:?}");
+        fs::remove_dir(bench.output()).unwrap();
+        let last = bench.convert(&options(RESUME), &NoProgress).unwrap();
+        assert!(last.resumed_bricks > 0);
+        assert_eq!(last.metadata.digest, expected.digest, "{commit_source_bytes}");
+        let store = Store::open(bench.output()).unwrap();
+        assert!(verify::verify(&store, || true).unwrap().unwrap().is_ok());
+        fs::remove_file(bench.output()).unwrap();
+        assert!(bench.left().is_empty());
+    }
+}
+
+/// Of several that begin at once one gets the output, and no other harms it.
+#[test]
+fn of_conversions_begun_together_one_makes_the_store() {
+    let bench = Bench::raw();
+    let expected = undisturbed(&bench).metadata;
+    for round in 0..20 {
+        let starts = [Start::Fresh, Start::Replace, RESUME, Start::Fresh];
+        let bench = &bench;
+        let ended = std::thread::scope(|scope| {
+            let begun = starts.map(|start| {
+                scope.spawn(move || {
+                    bench.convert(&options(start), &NoProgress).map(|done| done.metadata)
+                })
+            });
+            begun.map(|one| one.join().unwrap())
+        });
+        let done: Vec<_> = ended.iter().filter_map(|one| one.as_ref().ok()).collect();
+        assert!(!done.is_empty(), "round {round}: {ended:?}");
+        assert!(done.iter().all(|metadata| metadata.digest == expected.digest));
+        for refused in ended.iter().filter_map(|one| one.as_ref().err()) {
+            assert!(
+                matches!(
+                    refused,
+                    PreprocessError::Busy { .. }
+                        | PreprocessError::Exists { .. }
+                        | PreprocessError::Unfinished { .. }
+                ),
+                "round {round}: {refused:?}"
+            );
+        }
+        assert_eq!(bench.left(), ["a.octavo"]);
+        fs::remove_file(bench.output()).unwrap();
+    }
+}
+
 #[test]
 fn a_mapped_source_ended_anywhere_goes_on_to_the_same_store() {
     ended_anywhere_it_goes_on(&Bench::raw(), 7);
@@ -232,20 +302,22 @@ fn damaged_work_is_not_gone_on_with() {
         fs::write(path, bytes).unwrap();
     };
     let bench = Bench::raw();
-    let [scratch, partial] =
-        ["scratch", "partial"].map(|end| bench.output().with_extension(format!("octavo.{end}")));
+    let [scratch, partial, index] = ["scratch", "partial", "index"]
+        .map(|end| bench.output().with_extension(format!("octavo.{end}")));
     bench.convert(&options(Start::Fresh), &EndAfter::octets(60, false)).unwrap_err();
 
     change(&scratch, &|bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
     refused(&bench, &options(RESUME), "scratch");
     change(&scratch, &|bytes| bytes.push(0));
-    let resized = bench.convert(&options(RESUME), &NoProgress);
-    assert!(matches!(resized, Err(PreprocessError::ScratchFile { .. })));
+    refused(&bench, &options(RESUME), "another length");
 
     change(&scratch, &|bytes| bytes.truncate(bytes.len() - 1));
     change(&scratch, &|bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
+    let elsewhere = ConvertOptions { scratch: Some("/".into()), ..options(RESUME) };
+    refused(&bench, &elsewhere, "--scratch");
+
     change(&partial, &|bytes| bytes.truncate(5000));
-    assert!(matches!(bench.convert(&options(RESUME), &NoProgress), Err(PreprocessError::Store(_))));
+    refused(&bench, &options(RESUME), "cut short");
     assert_eq!(bench.left().len(), 3);
 }
 
