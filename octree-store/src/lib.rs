@@ -60,6 +60,7 @@ mod error;
 mod error_sum;
 mod exact_sum;
 mod geometry;
+mod instruction_set;
 mod key;
 pub mod loader;
 mod metadata;
@@ -78,6 +79,7 @@ pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
 pub use exact_sum::ExactSum;
 pub use geometry::{Geometry, GeometryError, Region};
+pub use instruction_set::instruction_set;
 pub use key::NodeKey;
 pub use metadata::{
     DownsampleFilter, FORMAT_VERSION, LengthUnit, LevelSummary, Metadata, SourceDescription,

@@ -83,7 +83,10 @@ fn summary(page: &mut String, report: &Report) -> std::fmt::Result {
         ("Dropped", threshold),
         (
             "Machine",
-            format!("{}, {} cores; {} threads used", machine.cpu, machine.cores, report.threads),
+            format!(
+                "{}, {} cores, {} instructions; {} threads used",
+                machine.cpu, machine.cores, machine.instruction_set, report.threads
+            ),
         ),
         ("Made", format!("by {}, {}", report.created_by, report.created_utc)),
     ] {
