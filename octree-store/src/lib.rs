@@ -64,6 +64,7 @@ mod instruction_set;
 mod key;
 pub mod loader;
 mod metadata;
+mod overlap_bound;
 mod record;
 mod region;
 mod sample;
