@@ -24,12 +24,7 @@ fn overlap(a: Box4, b: Box4) -> i32 {
 }
 
 /// The best place within `room` for a label of that size at a point.
-fn place(
-    (x, y): (i32, i32),
-    (width, height): (i32, i32),
-    room: Box4,
-    taken: impl Iterator<Item = Box4> + Clone,
-) -> Box4 {
+fn place((x, y): (i32, i32), (width, height): (i32, i32), room: Box4, taken: &[Box4]) -> Box4 {
     let mut best: Option<(i32, Box4)> = None;
     for distance in [9, 14, 20, 28, 38, 50, 64, 80, 98] {
         for turn in 0..16 {
@@ -43,7 +38,7 @@ fn place(
             let at = [left, top, left + width, top + height];
             let inside =
                 at[0] >= room[0] && at[1] >= room[1] && at[2] <= room[2] && at[3] <= room[3];
-            let covered: i32 = taken.clone().map(|other| overlap(at, other)).sum();
+            let covered: i32 = taken.iter().map(|other| overlap(at, *other)).sum();
             let cost = 20 * covered + distance;
             if inside && best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, at));
@@ -60,8 +55,8 @@ fn places(points: &[(i32, i32)], sizes: &[(i32, i32)], room: Box4) -> Vec<Box4> 
     for _ in 0..ROUNDS {
         for i in 0..points.len() {
             placed[i] = None;
-            let taken = marks.iter().copied().chain(placed.iter().flatten().copied());
-            placed[i] = Some(place(points[i], sizes[i], room, taken));
+            let taken: Vec<Box4> = marks.iter().chain(placed.iter().flatten()).copied().collect();
+            placed[i] = Some(place(points[i], sizes[i], room, &taken));
         }
     }
     placed.into_iter().flatten().collect()
