@@ -29,7 +29,7 @@ pub(super) struct Layout {
     pub(super) size: (u32, u32),
     /// Pixels for what stands left of the vertical axis.
     left: u32,
-    /// Height of letters at axes, and at points.
+    /// Size of letters at axes, and at points: 1.24 times what the picture says.
     letter: u32,
     pub(super) label: u32,
     /// Whether points have their names, or numbers of a list in the page.
@@ -38,10 +38,10 @@ pub(super) struct Layout {
 
 /// For pages of 40 rem and more: 594 pixels of a screen of 1280.
 const WIDE: Layout =
-    Layout { class: "wide", size: (720, 540), left: 80, letter: 16, label: 15, names: true };
+    Layout { class: "wide", size: (720, 540), left: 84, letter: 18, label: 17, names: true };
 /// For phones, about as many pixels as there are.
 const NARROW: Layout =
-    Layout { class: "narrow", size: (340, 380), left: 62, letter: 13, label: 12, names: false };
+    Layout { class: "narrow", size: (340, 380), left: 64, letter: 14, label: 14, names: false };
 
 /// Both sizes.
 pub(super) const LAYOUTS: [Layout; 2] = [WIDE, NARROW];
