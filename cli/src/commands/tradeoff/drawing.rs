@@ -139,15 +139,17 @@ pub(super) fn frame<'a, 'b>(
     let corner = vec![(x.low, y.high), (x.low, y.low), (x.high, y.low)];
     line(&mut chart, corner, INK).map_err(failed)?;
     let style = |h, v| ("sans-serif", layout.letter).into_font().color(&INK).pos(Pos::new(h, v));
-    let mut free = i32::MIN;
-    for (at, mark) in &x.marks {
+    let mut taken: Vec<[i32; 2]> = Vec::new();
+    // The column at the edge is the last mark, and must have its word.
+    for (at, mark) in x.marks.iter().rev() {
         let (px, py) = chart.backend_coord(&(*at, y.low));
         let style = style(HPos::Center, VPos::Top);
-        let half = area.estimate_text_size(mark, &style).map_err(failed)?.0 as i32 / 2;
+        let half = area.estimate_text_size(mark, &style).map_err(failed)?.0 as i32 / 2 + 2;
+        let room = [px - half, px + half];
         // A mark that has no room keeps its line alone.
-        if px - half >= free {
+        if taken.iter().all(|other| room[1] <= other[0] || room[0] >= other[1]) {
             area.draw(&Text::new(mark.clone(), (px, py + 6), style)).map_err(failed)?;
-            free = px + half + 4;
+            taken.push(room);
         }
     }
     for (at, mark) in &y.marks {

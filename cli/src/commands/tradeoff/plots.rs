@@ -245,6 +245,10 @@ mod tests {
             assert!(svg.contains(">Bits &amp; error</title>"), "{svg}");
             assert!(svg.contains("a &lt; b: 0.5, 3"));
             assert_eq!(svg.matches("<circle").count(), 3);
+            assert!(
+                svg.contains("\n0\n</text>"),
+                "the column of what has no error has its word: {svg}"
+            );
             assert!(!svg.replace("http://www.w3.org/2000/svg", "").contains("http"));
         }
     }
