@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Octavo beside zfp, SZ3 and blosc2 at equal largest error: bench/accuracy.sh [NAME_XxYxZ_u16.raw:E]...
 #
-# Without volumes: the middle 256^3 of the micro-CT phantom of 512^3 (E = 50), and the bundled tooth (E = 5). One thread,
+# Volumes may be scans that must not be passed on: only figures come out. Without volumes: the middle 256^3 of the micro-CT phantom of 512^3 (E = 50), and the bundled tooth (E = 5). One thread,
 # warm, medians of RUNS [3]; a table a volume. Bits a voxel are of level 0 alone, without records: the peers have no
 # pyramid. Octavo's encoding is the whole conversion, from a raw file to a durable store with its pyramid, checksums and
 # error statistics; the peers' is from memory to memory. Octavo's decoding is of level 0's cores, from the store, with

@@ -5,6 +5,14 @@ cd "$(dirname "$0")/.."
 PROPTEST_CASES=2000 cargo nextest run --workspace -E 'kind(lib)'
 PROPTEST_CASES=200 cargo nextest run -p preprocess -E 'binary(laws)'
 
+# The laws of every kernel, on processors with AVX2 alone and without it.
+for cpu in Haswell Nehalem; do
+  for package in octree-store preprocess; do
+    CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER="qemu-x86_64 -cpu $cpu" \
+      cargo test -p "$package" --lib -- encoding downsample value_stats error_sum
+  done
+done
+
 # Fifty kills of the program at random moments, each gone on with.
 OCTAVO_TEST_KILLS=50 cargo nextest run -p octavo -E 'test(a_killed_conversion)'
 

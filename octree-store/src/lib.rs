@@ -60,9 +60,11 @@ mod error;
 mod error_sum;
 mod exact_sum;
 mod geometry;
+mod instruction_set;
 mod key;
 pub mod loader;
 mod metadata;
+mod overlap_bound;
 mod record;
 mod region;
 mod sample;
@@ -78,6 +80,7 @@ pub use error::{Damage, StoreError, is_denied};
 pub use error_sum::{ErrorSum, ErrorTotal};
 pub use exact_sum::ExactSum;
 pub use geometry::{Geometry, GeometryError, Region};
+pub use instruction_set::instruction_set;
 pub use key::NodeKey;
 pub use metadata::{
     DownsampleFilter, FORMAT_VERSION, LengthUnit, LevelSummary, Metadata, SourceDescription,

@@ -105,6 +105,13 @@ pub struct LevelSummary {
     pub lod_rms_bound: f64,
     /// Bound on the largest such deviation.
     pub lod_amax_bound: f64,
+    /// Bound on the error of a finite overlap sample, within the volume, of a brick that was kept.
+    #[serde(default)]
+    pub overlap_amax_bound: f64,
+    /// Bound on how far such a sample, assembled from neighbours, lies from what would be read if the brick
+    /// stored it in its own codes; 0 where it does.
+    #[serde(default)]
+    pub overlap_extra_amax_bound: f64,
 }
 
 /// What the store was made from.

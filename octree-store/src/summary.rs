@@ -6,6 +6,7 @@
 use crate::error_sum::{ErrorSum, ErrorTotal};
 use crate::geometry::Geometry;
 use crate::metadata::{LevelSummary, Metadata};
+use crate::overlap_bound::OverlapBounds;
 use crate::record::{BrickState, NodeRecord};
 use std::collections::BTreeMap;
 
@@ -21,7 +22,7 @@ pub(crate) struct Summary {
     dropped_voxels: u64,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct LevelSums {
     stored: u64,
     uniform: u64,
@@ -31,11 +32,29 @@ struct LevelSums {
     kept: ErrorTotal,
     lod_rms: ErrorTotal,
     lod_amax: f64,
+    overlap: OverlapBounds,
+}
+
+impl LevelSums {
+    fn new(metadata: &Metadata) -> Self {
+        Self {
+            stored: 0,
+            uniform: 0,
+            empty: 0,
+            payload_bytes: 0,
+            bits: BTreeMap::new(),
+            kept: ErrorTotal::default(),
+            lod_rms: ErrorTotal::default(),
+            lod_amax: 0.0,
+            overlap: OverlapBounds::new(metadata),
+        }
+    }
 }
 
 impl Summary {
-    pub(crate) fn new(geometry: &Geometry) -> Self {
-        let levels = geometry.levels().map(|_| LevelSums::default()).collect();
+    /// Of a store with this metadata; what it says of sums does not matter.
+    pub(crate) fn new(geometry: &Geometry, metadata: &Metadata) -> Self {
+        let levels = geometry.levels().map(|_| LevelSums::new(metadata)).collect();
         Self {
             geometry: *geometry,
             levels,
@@ -60,6 +79,7 @@ impl Summary {
             BrickState::Empty => level.empty += 1,
         }
         level.payload_bytes += u64::from(record.place.length);
+        level.overlap.add(record);
         if record.state != BrickState::Empty {
             level.kept.add(&record.error);
         } else if record.key.level() == 0 {
@@ -104,6 +124,8 @@ impl Summary {
             amax: kept.amax,
             lod_rms_bound: sums.lod_rms.total().rms(),
             lod_amax_bound: sums.lod_amax,
+            overlap_amax_bound: sums.overlap.amax(),
+            overlap_extra_amax_bound: sums.overlap.extra_amax(),
         }
     }
 }

@@ -52,7 +52,7 @@ fn verify_typed<T: Sample>(
     let geometry = store.geometry();
     let mut samples = vec![T::default(); geometry.brick_samples()];
     let mut report = Report::default();
-    let mut summary = Summary::new(geometry);
+    let mut summary = Summary::new(geometry, store.metadata());
     let mut digest = Digest::default();
     let mut scratch = BrickScratch::default();
     for level in geometry.levels() {

@@ -29,7 +29,7 @@ pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, Star
 pub use error::PreprocessError;
 pub use progress::{NoProgress, Progress};
 pub use source::{Source, SourceError, SourceOptions};
-pub use verify_against::{AgainstReport, verify_against};
+pub use verify_against::{AgainstReport, OverlapReport, verify_against};
 pub use volume::{Volume, VolumeSlices};
 
 /// A pool of named threads.

@@ -13,8 +13,8 @@ use crate::walk::{Buffers, Earlier, Octet, Sink, Visitor, walk};
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
 use octree_store::{
-    BrickScratch, Damage, ErrorSum, ErrorTotal, NodeKey, Region, Sample, Store, StoreError,
-    with_sample_type,
+    BrickScratch, BrickState, Damage, ErrorSum, ErrorTotal, Geometry, NodeKey, NodeRecord, Region,
+    Sample, Store, StoreError, with_sample_type,
 };
 use serde::Serialize;
 use std::sync::Arc;
@@ -30,9 +30,24 @@ pub struct AgainstReport {
     pub dropped_rms: f64,
     /// AMAX over the same.
     pub dropped_amax: f64,
+    /// What overlap that is assembled on reading is worth; none where it is stored.
+    pub overlap: Option<OverlapReport>,
     /// Bricks that do not match the source, or are damaged.
     #[serde(skip)]
     pub damaged: Vec<DamagedNode>,
+}
+
+/// Assembled overlap of level 0, measured: finite samples within the volume, of bricks that were kept.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct OverlapReport {
+    /// RMS of (what a reader gets - source).
+    pub rms: f64,
+    /// The largest of the same.
+    pub amax: f64,
+    /// RMS of (what a reader gets - what it would get if the brick stored its overlap in its own codes).
+    pub extra_rms: f64,
+    /// The largest of the same.
+    pub extra_amax: f64,
 }
 
 /// The region of the source that a store was made of, if not the whole.
@@ -86,6 +101,8 @@ pub fn verify_against(
         progress,
         kept: ErrorTotal::default(),
         dropped: ErrorTotal::default(),
+        overlap: ErrorTotal::default(),
+        overlap_extra: ErrorTotal::default(),
         damaged: Vec::new(),
     };
     let pool = crate::pool(plan.threads)?;
@@ -96,14 +113,21 @@ pub fn verify_against(
             &source, &plan.geometry, &pool, &plan.walk, &against, &buffers, &earlier, &mut sums,
         )?;
     });
-    let Sums { kept, dropped, mut damaged, .. } = sums;
+    let Sums { kept, dropped, overlap, overlap_extra, mut damaged, .. } = sums;
     damaged.sort_by_key(|node: &DamagedNode| node.key);
     let (kept, dropped) = (kept.total(), dropped.total());
+    let (overlap, extra) = (overlap.total(), overlap_extra.total());
     Ok(AgainstReport {
         rms: kept.rms(),
         amax: kept.amax,
         dropped_rms: dropped.rms(),
         dropped_amax: dropped.amax,
+        overlap: (!metadata.stored_overlap).then(|| OverlapReport {
+            rms: overlap.rms(),
+            amax: overlap.amax,
+            extra_rms: extra.rms(),
+            extra_amax: extra.amax,
+        }),
         damaged,
     })
 }
@@ -113,15 +137,20 @@ struct Sums<'a> {
     progress: &'a dyn Progress,
     kept: ErrorTotal,
     dropped: ErrorTotal,
+    overlap: ErrorTotal,
+    overlap_extra: ErrorTotal,
     damaged: Vec<DamagedNode>,
 }
 
 impl Sink<Measured> for Sums<'_> {
     fn take(&mut self, octet: Octet<Measured>) -> Result<(), PreprocessError> {
         for visited in octet.bricks {
-            let Measured { error, empty, damage } = visited.output;
+            let Measured { error, empty, overlap, damage } = visited.output;
             if visited.key.level() == 0 {
-                if empty { self.dropped.add(&error) } else { self.kept.add(&error) }
+                let total = if empty { &mut self.dropped } else { &mut self.kept };
+                total.add(&error);
+                self.overlap.add(&overlap.error);
+                self.overlap_extra.add(&overlap.extra);
             }
             self.damaged.extend(damage.map(|damage| DamagedNode { key: visited.key, damage }));
             self.progress.bricks_done(1);
@@ -143,18 +172,29 @@ struct Against<'a> {
 struct Measured {
     error: ErrorSum,
     empty: bool,
+    overlap: Overlap,
     damage: Option<Damage>,
+}
+
+/// Errors of a brick's overlap within the volume.
+#[derive(Default)]
+struct Overlap {
+    error: ErrorSum,
+    /// From what the brick's own codes would keep.
+    extra: ErrorSum,
 }
 
 /// Buffers that a thread keeps.
 struct AgainstScratch<T> {
     decoded: Vec<T>,
+    /// The source's samples as the brick's own codes would keep them.
+    own: Vec<T>,
     brick: BrickScratch,
 }
 
 impl<T> Default for AgainstScratch<T> {
     fn default() -> Self {
-        Self { decoded: Vec::new(), brick: BrickScratch::default() }
+        Self { decoded: Vec::new(), own: Vec::new(), brick: BrickScratch::default() }
     }
 }
 
@@ -173,8 +213,12 @@ impl<T: Sample> Visitor<T> for Against<'_> {
         if key.level() == 0 {
             self.rules.apply(samples);
         }
-        let mut measured =
-            Measured { error: ErrorSum::default(), empty: self.rules.drops(samples), damage: None };
+        let mut measured = Measured {
+            error: ErrorSum::default(),
+            empty: self.rules.drops(samples),
+            overlap: Overlap::default(),
+            damage: None,
+        };
         scratch.decoded.resize(samples.len(), T::default());
         let record = match self.store.read_brick_core(key, &mut scratch.brick, &mut scratch.decoded)
         {
@@ -192,11 +236,59 @@ impl<T: Sample> Visitor<T> for Against<'_> {
         let wrong = |what| Some(Damage::Source { what });
         if (record.brick_min, record.brick_max) != (min.to_f64(), max.to_f64()) {
             measured.damage = wrong("its range is not that of the source's voxels");
-        } else if measured.empty != (record.state == octree_store::BrickState::Empty) {
+        } else if measured.empty != (record.state == BrickState::Empty) {
             measured.damage = wrong("the threshold keeps what was dropped, or drops what was kept");
         } else if record.error != measured.error {
             measured.damage = wrong("its error is not the one measured");
         }
+        let assembled = !self.store.metadata().stored_overlap;
+        if assembled && key.level() == 0 && record.state != BrickState::Empty {
+            measured.overlap = self.overlap(&record, samples, scratch)?;
+        }
         Ok(measured)
     }
+}
+
+impl Against<'_> {
+    /// The errors of a brick's assembled overlap; of none where a neighbour is damaged, which its own place
+    /// tells.
+    fn overlap<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        samples: &[T],
+        scratch: &mut AgainstScratch<T>,
+    ) -> Result<Overlap, PreprocessError> {
+        let AgainstScratch { decoded, own, brick } = scratch;
+        match self.store.decode_brick(record, brick, decoded) {
+            Err(StoreError::Damaged { .. }) => return Ok(Overlap::default()),
+            other => other?,
+        }
+        own.clear();
+        own.extend_from_slice(samples);
+        self.store.recode(record, brick, own)?;
+        let mut overlap = Overlap::default();
+        for i in overlap_in_volume(self.store.geometry(), record.key) {
+            if samples[i].is_finite() {
+                let read = decoded[i].to_f64();
+                overlap.error.add(read - samples[i].to_f64());
+                overlap.extra.add(read - own[i].to_f64());
+            }
+        }
+        Ok(overlap)
+    }
+}
+
+/// Where a brick's samples are no core but lie in the volume.
+fn overlap_in_volume(geometry: &Geometry, key: NodeKey) -> impl Iterator<Item = usize> {
+    let (side, overlap) = (geometry.brick_side(), geometry.overlap() as usize);
+    let (origin, dims) = (geometry.sample_origin(key), geometry.dims_at(key.level()));
+    let core = overlap..side - overlap;
+    (0..geometry.brick_samples()).filter(move |i| {
+        let at = [i % side, i / side % side, i / side / side];
+        let inside = |axis: usize| {
+            let voxel = origin[axis] + at[axis] as i64;
+            0 <= voxel && voxel < dims[axis] as i64
+        };
+        (0..3).all(inside) && !at.iter().all(|i| core.contains(i))
+    })
 }

@@ -10,6 +10,7 @@ mod encodings;
 mod export;
 mod headers;
 mod help;
+mod instruction_sets;
 mod memory;
 mod nibabel;
 mod plan;

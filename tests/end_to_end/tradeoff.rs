@@ -325,18 +325,27 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
     for asks in ["http:", "https:", "src=", "@import", "url(", "<script", "<link"] {
         assert!(!without_names.contains(asks), "{asks}");
     }
-    assert_eq!(page.matches("<svg").count(), 11);
-    assert_eq!(page.matches("<title id=").count(), 11);
-    assert_eq!(page.matches("<desc id=").count(), 11);
+    // Each plot for wide pages and for narrow ones.
+    assert_eq!(page.matches("<svg").count(), 2 * 11);
+    assert_eq!(page.matches("<title id=").count(), 2 * 11);
+    assert_eq!(page.matches("<desc id=").count(), 2 * 11);
 
-    // A copy that says where its plots are.
-    let script = "<script>document.documentElement.dataset.boxes=JSON.stringify({height:\
+    // A copy that says where its plots are, and how many pixels of the screen their smallest letters have.
+    let script = "<script>const seen=[...document.querySelectorAll('svg')].filter(s=>\
+        s.getBoundingClientRect().width>0);\
+        document.documentElement.dataset.boxes=JSON.stringify({height:\
         document.documentElement.scrollHeight,width:document.documentElement.scrollWidth,\
-        boxes:[...document.querySelectorAll('svg')].map(s=>{const b=s.getBoundingClientRect();\
+        letters:Math.min(...seen.flatMap(s=>[...s.querySelectorAll('text')].map(t=>\
+        parseFloat(getComputedStyle(t).fontSize)*s.getBoundingClientRect().width/s.viewBox.baseVal.width))),\
+        boxes:seen.map(s=>{const b=s.getBoundingClientRect();\
         return [b.left,b.top,b.right,b.bottom]})})</script></body>";
     let told = bench.write("told.html", page.replace("</body>", script).as_bytes());
-    for (name, width, dark) in [("wide", 1400, false), ("narrow", 500, false), ("dark", 1400, true)]
-    {
+    for (name, width, dark) in [
+        ("wide", 1280, false),
+        ("narrow", 500, false),
+        ("dark", 1280, true),
+        ("narrow-dark", 500, true),
+    ] {
         let window = format!("--window-size={width},900");
         let mode = format!("--blink-settings=preferredColorScheme={}", u8::from(!dark));
         let url = format!("file://{}", told.display());
@@ -346,6 +355,8 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         let boxes: Value = serde_json::from_str(&boxes).unwrap();
         // Tables scroll within themselves: the page never grows wider than the screen.
         assert_eq!(boxes["width"], width, "{name}");
+        assert_eq!(boxes["boxes"].as_array().unwrap().len(), 11, "{name}");
+        assert!(boxes["letters"].as_f64().unwrap() >= 11.0, "{name}: {}", boxes["letters"]);
         let height = boxes["height"].as_u64().unwrap();
         let picture = artifacts().join(format!("tradeoff-{name}.png"));
         let window = format!("--window-size={width},{height}");

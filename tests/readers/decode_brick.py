@@ -58,6 +58,19 @@ if bits > 0:
         for axis in (0, 1, 2):
             cube = np.cumsum(cube, axis=axis, dtype=f"u{width}")
         words = cube.reshape(-1)
+    elif prediction == 3:
+        d, cube = words.reshape(side, side, side), np.zeros((side, side, side), "O")
+        for z, y, x in np.ndindex(d.shape):
+            b = cube[z, y - 1, x] if y else None
+            c = cube[z - 1, y, x] if z else None
+            a = cube[z, y, x - 1] if x else None
+            if b is None and c is None:
+                mean = a or 0
+            else:
+                b, c = b if b is not None else c, c if c is not None else b
+                mean = ((a if a is not None else b) + b + c + 1) // 3
+            cube[z, y, x] = (mean + int(d[z, y, x])) % 2 ** (8 * width)
+        words = cube.reshape(-1).astype(f"u{width}")
 
 # Coding.
 if coding == 2:

@@ -48,6 +48,17 @@ pub(super) fn error_line(metadata: &Metadata) -> String {
     }
 }
 
+/// What overlap that is assembled on reading is worth, in words; none where it is stored.
+pub(super) fn overlap_line(metadata: &Metadata) -> Option<String> {
+    let level = metadata.levels.first()?;
+    (!metadata.stored_overlap && metadata.brick_overlap > 0).then(|| {
+        format!(
+            "assembled overlap within {} of the source, and {} of overlap in a brick's own codes",
+            level.overlap_amax_bound, level.overlap_extra_amax_bound
+        )
+    })
+}
+
 /// How many stored bricks have how many bits a sample, of all levels.
 fn bits_line(metadata: &Metadata) -> String {
     let mut bricks = BTreeMap::new();
@@ -101,6 +112,9 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
         human_bytes(metadata.payload_bytes)
     )?;
     writeln!(out, "error        {}", error_line(metadata))?;
+    if let Some(overlap) = overlap_line(metadata) {
+        writeln!(out, "overlap      {overlap}")?;
+    }
     if metadata.dropped_voxels > 0 {
         writeln!(out, "dropped      {}", dropped_line(metadata))?;
     }

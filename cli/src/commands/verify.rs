@@ -187,6 +187,13 @@ impl Verify {
         }
         if let Some(against) = &found.against {
             writeln!(out, "measured anew: RMS {}, AMAX {}", against.rms, against.amax)?;
+            if let Some(overlap) = &against.overlap {
+                writeln!(
+                    out,
+                    "assembled overlap: RMS {}, AMAX {}; from overlap in a brick's own codes: RMS {}, AMAX {}",
+                    overlap.rms, overlap.amax, overlap.extra_rms, overlap.extra_amax
+                )?;
+            }
         }
         let (path, checked) = (self.store.display(), found.bricks_checked);
         if found.ok {

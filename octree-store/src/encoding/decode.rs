@@ -106,6 +106,37 @@ impl Decoding {
     }
 }
 
+impl Decoding {
+    /// Makes of samples what a reader would get if the payload of this stored brick held them.
+    ///
+    /// # Errors
+    /// When the record is none of this store's.
+    pub(crate) fn recode<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut DecodeScratch,
+        samples: &mut [T],
+    ) -> Result<(), Damage> {
+        match record.coding {
+            Coding::Quantised8 => {
+                let (min, max) = (T::from_f64(record.brick_min), T::from_f64(record.brick_max));
+                let quantiser = quantised8::Quantiser::new(min, max);
+                let codes = buffer(&mut scratch.codes, samples.len());
+                quantiser.quantise(samples, codes);
+                quantiser.decode(codes, samples);
+            }
+            Coding::Bounded => {
+                let quantiser = self.bounded::<T>(record)?;
+                let codes = buffer::<u16>(&mut scratch.codes, samples.len());
+                quantiser.quantise(samples, codes);
+                quantiser.decode(codes, samples);
+            }
+            Coding::Lossless => {}
+        }
+        Ok(())
+    }
+}
+
 /// A brick's codes, borrowed from the payload where they lie in it as they are.
 ///
 /// # Errors

@@ -13,6 +13,16 @@ pub enum Prediction {
     /// From the seven neighbours that come before it in x, y and z (Ibarria, Lindstrom, Rossignac and
     /// Szymczak 2003, the Lorenzo predictor): differences along x, then y, then z.
     Lorenzo = 2,
+    /// From the mean of the words before it in x, y and z: where there is noise on structure, a mean has less
+    /// of the noise than the sum that Lorenzo's predictor is.
+    Mean = 3,
+}
+
+impl Prediction {
+    /// Whether it looks along y and z.
+    pub(crate) fn is_for_cubes(self) -> bool {
+        matches!(self, Self::Lorenzo | Self::Mean)
+    }
 }
 
 /// The order of a payload's bytes.
@@ -53,9 +63,10 @@ impl Filter {
 
     /// The filter with this id in FORMAT.md.
     pub fn from_id(id: u8) -> Option<Self> {
-        let prediction = [Prediction::None, Prediction::Previous, Prediction::Lorenzo]
-            .into_iter()
-            .find(|prediction| *prediction as u8 == id >> 4)?;
+        let prediction =
+            [Prediction::None, Prediction::Previous, Prediction::Lorenzo, Prediction::Mean]
+                .into_iter()
+                .find(|prediction| *prediction as u8 == id >> 4)?;
         let arrangement = [Arrangement::InOrder, Arrangement::BytePlanes, Arrangement::BitPlanes]
             .into_iter()
             .find(|arrangement| *arrangement as u8 == id & 15)?;
@@ -70,10 +81,10 @@ mod tests {
     #[test]
     fn ids_are_those_of_format_md() {
         let ids: Vec<_> = Filter::all().map(Filter::id).collect();
-        assert_eq!(ids, [0, 1, 2, 16, 17, 18, 32, 33, 34]);
+        assert_eq!(ids, [0, 1, 2, 16, 17, 18, 32, 33, 34, 48, 49, 50]);
         assert_eq!(Filter::from_id(0), Some(Filter::NONE));
         let by_byte = Filter { arrangement: Arrangement::BytePlanes, ..Filter::NONE };
         assert_eq!(Filter::from_id(1), Some(by_byte));
-        assert_eq!(Filter::from_id(48), None);
+        assert_eq!(Filter::from_id(64), None);
     }
 }

@@ -105,6 +105,22 @@ impl<T: Sample> Quantiser<T> {
         sum
     }
 
+    /// Most that a finite sample within the range is off when it is read.
+    pub fn error_bound(&self) -> f64 {
+        // Halves, so that the widest f64 range does not overflow.
+        let (low, high) = (self.min.to_f64() / 2.0, self.max.to_f64() / 2.0);
+        let half_range = high - low;
+        if T::TYPE.is_integer() && half_range <= 127.5 {
+            // Every integer has a code of its own, or lies less than half from what one reads as.
+            return 0.0;
+        }
+        let half_scale = low.abs().max(high.abs()).max(half_range);
+        let epsilon = if T::FITS_F32 { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        let tiny = if T::FITS_F32 { f64::from(f32::from_bits(1)) } else { f64::from_bits(1) };
+        let rounded = if T::TYPE.is_integer() { 0.5 } else { 0.0 };
+        half_range / 255.0 + 2.0 * (half_scale * (2.0 * epsilon)).max(tiny) + rounded
+    }
+
     /// Minimum (its low 16 bits) and range of integers of 8 and 16 bits, which have a kernel of
     /// their own.
     fn small_integers(&self) -> Option<(u16, u16)> {
@@ -199,24 +215,15 @@ mod tests {
         decoded
     }
 
-    /// The bound of the module's documentation; `ulp` of the kernel's type.
-    fn bound<T: Sample>(min: T, max: T) -> f64 {
-        let (low, high) = (min.to_f64(), max.to_f64());
-        // Halves, so that the widest f64 range does not overflow.
-        let half_range = high / 2.0 - low / 2.0;
-        let scale = low.abs().max(high.abs()).max(half_range * 2.0);
-        let epsilon = if T::FITS_F32 { f64::from(f32::EPSILON) } else { f64::EPSILON };
-        let tiny = if T::FITS_F32 { f64::from(f32::from_bits(1)) } else { f64::from_bits(1) };
-        let rounded = if T::TYPE.is_integer() { 0.5 } else { 0.0 };
-        half_range / 255.0 + 2.0 * (scale * epsilon).max(tiny) + rounded
-    }
-
     fn assert_laws<T: Sample>(samples: &[T]) {
         let (min, max) = finite_range(samples).unwrap();
         let decoded = round_trip(samples);
         for (&v, &d) in samples.iter().zip(&decoded) {
             let error = (d.to_f64() / 2.0 - v.to_f64() / 2.0).abs() * 2.0;
-            assert!(error <= bound(min, max), "{v} became {d} in {min}..{max}");
+            assert!(
+                error <= Quantiser::new(min, max).error_bound(),
+                "{v} became {d} in {min}..{max}"
+            );
         }
         assert_eq!(finite_range(&decoded), Some((min, max)), "the ends come back exactly");
         assert_eq!(round_trip(&decoded), decoded, "requantising changes nothing");

@@ -3,7 +3,8 @@
 //! - `fast`: as few bits as the words use, as they are.
 //! - `balanced`: LZ4, where a trial on an eighth of the brick says which filter gains most, if any.
 //! - `small`: Zstandard, whose Huffman coder gains on noise too, after the prediction whose differences
-//!   have the least entropy: none where there is noise, Lorenzo's where there is structure.
+//!   have the least entropy: none where there is noise alone, Lorenzo's where there is structure alone, the mean
+//!   of neighbours where there are both.
 
 use super::effort::Effort;
 use super::filter::{Arrangement, Filter, Prediction};
@@ -116,6 +117,10 @@ fn tried<W: Word>(words: &[W], bits: u8, scratch: &mut StoreScratch) -> Option<F
 /// What predicting must gain, in bits a word: undoing it takes time.
 const PREDICTION_GAIN_BITS: f64 = 0.05;
 
+/// What may be predicted from.
+const PREDICTIONS: [Prediction; 4] =
+    [Prediction::None, Prediction::Previous, Prediction::Lorenzo, Prediction::Mean];
+
 /// The filter whose bytes have the least entropy, each byte of the words for itself; estimated on a
 /// sixth of a brick's rows.
 fn predicted<W: Word>(words: &[W], scratch: &mut StoreScratch) -> Filter {
@@ -128,7 +133,7 @@ fn predicted<W: Word>(words: &[W], scratch: &mut StoreScratch) -> Filter {
         None => row % 6 == 1,
     });
     let residuals = buffer::<W>(&mut scratch.residuals, width);
-    let mut histograms = vec![[[0_u32; 256]; 3]; size_of::<W>()];
+    let mut histograms = vec![[[0_u32; 256]; PREDICTIONS.len()]; size_of::<W>()];
     let mut count = 0;
     for row in sampled {
         count += width;
@@ -139,23 +144,29 @@ fn predicted<W: Word>(words: &[W], scratch: &mut StoreScratch) -> Filter {
         if let Some(side) = side {
             predict::lorenzo_row(words, side, row, residuals);
             add_row(&mut histograms, 2, residuals);
+            predict::mean_row(words, side, row, residuals);
+            add_row(&mut histograms, 3, residuals);
         }
     }
-    let bits = [0, 1, 2].map(|prediction| {
-        histograms.iter().map(|of| entropy_bits(&of[prediction], count)).sum::<f64>()
-    });
-    let mut best = (bits[0] - PREDICTION_GAIN_BITS, Prediction::None);
-    if bits[1] < best.0 {
-        best = (bits[1], Prediction::Previous);
-    }
-    if side.is_some() && bits[2] < best.0 {
-        best = (bits[2], Prediction::Lorenzo);
+    let mut best = (f64::INFINITY, Prediction::None);
+    for (place, prediction) in PREDICTIONS.into_iter().enumerate() {
+        if side.is_none() && prediction.is_for_cubes() {
+            continue;
+        }
+        let bits: f64 = histograms.iter().map(|of| entropy_bits(&of[place], count)).sum();
+        let cost = if prediction == Prediction::None { 0.0 } else { PREDICTION_GAIN_BITS };
+        if bits + cost < best.0 {
+            best = (bits + cost, prediction);
+        }
     }
     let arrangement = if W::BITS > 8 { Arrangement::BytePlanes } else { Arrangement::InOrder };
     Filter { prediction: best.1, arrangement }
 }
 
-fn add_row<W: Word>(histograms: &mut [[[u32; 256]; 3]], prediction: usize, words: &[W]) {
+/// The histograms of a byte of the words, one for each of [`PREDICTIONS`].
+type Histograms = [[u32; 256]; PREDICTIONS.len()];
+
+fn add_row<W: Word>(histograms: &mut [Histograms], prediction: usize, words: &[W]) {
     for (index, of) in histograms.iter_mut().enumerate() {
         for word in words {
             of[prediction][usize::from(word.byte(index))] += 1;

@@ -19,6 +19,8 @@ pub(crate) trait Word: Pod + Default + Eq + std::fmt::Debug {
     fn zigzag(self) -> Self;
     /// The reverse of [`Word::zigzag`].
     fn unzigzag(self) -> Self;
+    /// A third of the sum of three words, to the nearest.
+    fn mean(words: [Self; 3]) -> Self;
     /// Byte `index`, the least significant first.
     fn byte(self, index: usize) -> u8;
     /// The word with nothing but this byte.
@@ -30,7 +32,7 @@ pub(crate) trait Word: Pod + Default + Eq + std::fmt::Debug {
 }
 
 macro_rules! words {
-    ($($unsigned:ident $signed:ident;)*) => {$(
+    ($($unsigned:ident $signed:ident $wide:ident;)*) => {$(
         #[allow(
             clippy::cast_lossless, clippy::unnecessary_cast, trivial_numeric_casts,
             reason = "one text for four types: for some the cast is infallible or no cast"
@@ -47,6 +49,10 @@ macro_rules! words {
             #[inline(always)]
             fn unzigzag(self) -> Self { (self >> 1) ^ (self & 1).wrapping_neg() }
             #[inline(always)]
+            fn mean([a, b, c]: [Self; 3]) -> Self {
+                ((a as $wide + b as $wide + c as $wide + 1) / 3) as Self
+            }
+            #[inline(always)]
             fn byte(self, index: usize) -> u8 { (self >> (8 * index)) as u8 }
             #[inline(always)]
             fn of_byte(byte: u8, index: usize) -> Self { (byte as Self) << (8 * index) }
@@ -58,7 +64,7 @@ macro_rules! words {
     )*};
 }
 
-words! { u8 i8; u16 i16; u32 i32; u64 i64; }
+words! { u8 i8 u16; u16 i16 u32; u32 i32 u64; u64 i64 u128; }
 
 /// Runs an expression with a name standing for the word that is as wide as a sample type.
 macro_rules! with_word {
@@ -227,7 +233,7 @@ mod tests {
         let bits = used.max().unwrap_or(0).max(1);
         let (mut buffer, mut bytes) = (Vec::new(), Vec::new());
         for filter in Filter::all() {
-            if filter.prediction == Prediction::Lorenzo && predict::side_of(words.len()).is_none() {
+            if filter.prediction.is_for_cubes() && predict::side_of(words.len()).is_none() {
                 let mut words = words.to_vec();
                 let bytes = vec![0; arranged_bytes::<W>(words.len(), bits, filter)];
                 assert!(restore(&bytes, bits, filter, &mut words).is_err());

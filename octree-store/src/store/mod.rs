@@ -9,11 +9,14 @@ mod assemble;
 mod committer;
 mod guard;
 mod index_backend;
+mod open;
 mod payload_file;
 mod reader;
 mod superblock;
 mod tables;
+mod texels;
 mod writer;
 
-pub use reader::{BrickScratch, Children, OpenOptions, Store};
+pub use open::OpenOptions;
+pub use reader::{BrickScratch, Children, Store};
 pub use writer::{Committed, StoreWriter};

@@ -1,104 +1,29 @@
 //! Reading a store: from any number of threads, and several processes at once.
 
-use super::guard::{Failure, guard};
-use super::index_backend::IndexBackend;
-use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
+use super::guard::Failure;
+use super::open::OpenOptions;
+use super::superblock::SUPERBLOCK_BYTES;
 use super::tables::ReadTables;
 use crate::encoding::decode::{DecodeScratch, Decoding};
-use crate::encoding::{Upload, UploadFormat, ValueMap, payload};
+use crate::encoding::payload;
 use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
-use crate::metadata::{FORMAT_VERSION, Metadata, MetadataError};
+use crate::metadata::Metadata;
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::{Sample, SampleBuffer};
 use crate::with_sample_type;
-use redb::{Builder, ReadOnlyDatabase};
+use redb::ReadOnlyDatabase;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// How to open a store for reading.
-#[derive(Debug, Clone, Copy)]
-pub struct OpenOptions {
-    /// Bytes of redb's page cache, which holds records (default 64 MiB).
-    pub cache_bytes: usize,
-}
-
-impl Default for OpenOptions {
-    fn default() -> Self {
-        Self { cache_bytes: 64 << 20 }
-    }
-}
-
-impl OpenOptions {
-    /// Opens a complete store for reading.
-    ///
-    /// # Errors
-    /// When the file cannot be read, is no store, is of a later version, was never finished, is
-    /// being written, or its metadata is damaged.
-    pub fn open(&self, path: impl AsRef<Path>) -> Result<Store, StoreError> {
-        let path = path.as_ref();
-        let io_error = |source| StoreError::Io { path: path.to_owned(), source };
-        let metadata_damaged =
-            |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
-        let incomplete = || StoreError::Incomplete { path: path.to_owned() };
-        // To open a pipe would wait for one who writes to it.
-        let kind = std::fs::metadata(path).map_err(io_error)?.file_type();
-        if !kind.is_file() && !kind.is_dir() {
-            let found = "it is a pipe, a socket or a device";
-            return Err(StoreError::NotAStore { path: path.to_owned(), found });
-        }
-        let file = File::open(path).map_err(io_error)?;
-        let superblock = Superblock::read(&file).map_err(|error| match error {
-            SuperblockError::Io(source) => io_error(source),
-            SuperblockError::NotAStore(found) => {
-                StoreError::NotAStore { path: path.to_owned(), found }
-            }
-            SuperblockError::Newer(found) => newer(path, found),
-            SuperblockError::Damaged(what) => metadata_damaged(what.into()),
-        })?;
-        if superblock.index_offset == 0 {
-            return Err(incomplete());
-        }
-        let found = file.metadata().map_err(io_error)?.len();
-        if !superblock.fits(found) {
-            let expected = superblock.index_offset.saturating_add(superblock.index_bytes);
-            return Err(StoreError::Length { path: path.to_owned(), expected, found });
-        }
-        let file = Arc::new(file);
-        let Superblock { index_offset, index_bytes, payload_bytes, .. } = superblock;
-        let backend = IndexBackend::reading(Arc::clone(&file), index_offset, index_bytes);
-        let database = guard(|| {
-            Builder::new().set_cache_size(self.cache_bytes).open_read_only_with_backend(backend)
-        })
-        .map_err(|failure| failure.at(path))?;
-        let tables = ReadTables::open(&database).map_err(|failure| failure.at(path))?;
-        let bytes =
-            tables.metadata().map_err(|failure| failure.at(path))?.ok_or_else(incomplete)?;
-        let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
-            MetadataError::Newer(found) => newer(path, found),
-            other => metadata_damaged(other.to_string()),
-        })?;
-        if !metadata.complete {
-            return Err(incomplete());
-        }
-        let geometry = metadata.geometry().map_err(|error| metadata_damaged(error.to_string()))?;
-        let path = path.to_owned();
-        Ok(Store { path, file, payload_bytes, metadata, geometry, tables, _database: database })
-    }
-}
-
-fn newer(path: &Path, found: u32) -> StoreError {
-    StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
-}
-
 /// Buffers that reading keeps from brick to brick: one a thread.
 #[derive(Debug, Default)]
 pub struct BrickScratch {
-    payload: Vec<u8>,
-    decode: DecodeScratch,
+    pub(super) payload: Vec<u8>,
+    pub(super) decode: DecodeScratch,
     /// The core of the brick that is read, and of a neighbour, where overlap is assembled.
     pub(super) core: Vec<u64>,
     pub(super) neighbour: Vec<u64>,
@@ -127,14 +52,15 @@ impl Children {
 /// All methods take `&self` and may be called from any number of threads; no lock is held while
 /// a brick is decoded.
 pub struct Store {
-    path: PathBuf,
-    file: Arc<File>,
+    pub(super) path: PathBuf,
+    pub(super) file: Arc<File>,
     /// Bytes of the payload stream.
-    payload_bytes: u64,
-    metadata: Metadata,
-    geometry: Geometry,
-    tables: ReadTables,
-    _database: ReadOnlyDatabase,
+    pub(super) payload_bytes: u64,
+    pub(super) metadata: Metadata,
+    pub(super) geometry: Geometry,
+    pub(super) tables: ReadTables,
+    /// What the tables read from.
+    pub(super) _database: ReadOnlyDatabase,
 }
 
 impl std::fmt::Debug for Store {
@@ -342,49 +268,6 @@ impl Store {
         Ok(record)
     }
 
-    /// Reads a brick as a renderer's texture takes it, overlap included: eight bits stay eight bits.
-    /// Uniform and empty bricks, and stored ones of one code, are R8 texels of 0.
-    ///
-    /// # Errors
-    /// As [`Store::decode_brick`], but for the type.
-    pub fn read_upload(
-        &self,
-        record: &NodeRecord,
-        scratch: &mut BrickScratch,
-    ) -> Result<Upload, StoreError> {
-        with_sample_type!(self.metadata.sample_type, T => {
-            self.read_upload_typed::<T>(record, scratch)
-        })
-    }
-
-    fn read_upload_typed<T: Sample>(
-        &self,
-        record: &NodeRecord,
-        scratch: &mut BrickScratch,
-    ) -> Result<Upload, StoreError> {
-        let constant = |offset| {
-            let map =
-                ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
-            Upload { bytes: vec![0; self.geometry.brick_samples()], map }
-        };
-        match record.state {
-            BrickState::Uniform => return Ok(constant(record.brick_min)),
-            BrickState::Empty => return Ok(constant(self.metadata.empty_value)),
-            BrickState::Stored => {}
-        }
-        let mut samples = vec![T::default(); self.geometry.brick_samples()];
-        let decoding = self.decoding();
-        let upload = if self.metadata.stored_overlap {
-            let BrickScratch { payload, decode, .. } = scratch;
-            self.fetch_payload(record, payload)?;
-            decoding.upload_payload(record, payload, decode, &mut samples)
-        } else {
-            self.decode_brick(record, scratch, &mut samples)?;
-            decoding.upload_samples(record, &mut scratch.decode, &samples)
-        };
-        upload.map_err(|damage| self.damaged(record.key, damage))
-    }
-
     /// Reads and decodes what is in the payload of a stored brick.
     pub(super) fn decode_stored<T: Sample>(
         &self,
@@ -422,7 +305,7 @@ impl Store {
     }
 
     /// What payloads depend on.
-    fn decoding(&self) -> Decoding {
+    pub(super) fn decoding(&self) -> Decoding {
         Decoding::of(&self.metadata)
     }
 
@@ -459,7 +342,11 @@ impl Store {
     }
 
     /// Reads a record's payload and checks it.
-    fn fetch_payload(&self, record: &NodeRecord, payload: &mut Vec<u8>) -> Result<(), StoreError> {
+    pub(super) fn fetch_payload(
+        &self,
+        record: &NodeRecord,
+        payload: &mut Vec<u8>,
+    ) -> Result<(), StoreError> {
         let PayloadPlace { stream, offset, length } = record.place;
         // What a damaged record asks for must not be allocated before it is there.
         let end = offset.checked_add(u64::from(length)).filter(|end| *end <= self.payload_bytes);

@@ -285,7 +285,7 @@ impl StoreWriter {
         let mut index =
             guard(|| Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(index))
                 .map_err(|failure| failure.at(&path))?;
-        let mut summary = Summary::new(&geometry);
+        let mut summary = Summary::new(&geometry, &metadata);
         let mut digest = Digest::default();
         let committed = ReadTables::open_begun(&work).map_err(|failure| failure.at(&work_path))?;
         let transaction = WriteTables::begin(&index).map_err(|failure| failure.at(&path))?;

@@ -2,11 +2,13 @@
 
 use crate::support::{converted, index, keys, pyramid, scan, small_bricks, voxels};
 use octree_store::{
-    BrickScratch, Damage, Effort, Encoding, NodeKey, OverlapAtRest, Region, Sample, SampleBuffer,
-    StoreError, UploadFormat, verify, with_sample_type,
+    BrickScratch, Damage, Effort, Encoding, ErrorSum, NodeKey, OverlapAtRest, Region, Sample,
+    SampleBuffer, StoreError, UploadFormat, verify, with_sample_type,
 };
 use octree_store::{BrickState, SampleType, Store};
-use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, convert, verify_against};
+use preprocess::{
+    ConvertOptions, NoProgress, OverlapReport, Source, SourceOptions, convert, verify_against,
+};
 
 const DIMS: [u64; 3] = [21, 18, 35];
 
@@ -19,8 +21,8 @@ fn how(encoding: Encoding, effort: Effort, overlap_at_rest: OverlapAtRest) -> Co
 }
 
 /// What a reader gets of every brick, overlap included, against the pyramid of means: within `error` for
-/// every sample, core or overlap.
-fn assert_within<T: Sample>(voxels: &[T], store: &Store, error: f64) {
+/// every sample, or without it within what the level says of cores and of overlap.
+fn assert_within<T: Sample>(voxels: &[T], store: &Store, error: Option<f64>) {
     let geometry = store.geometry();
     let levels = pyramid(DIMS, voxels, geometry.top_level() + 1);
     let side = geometry.brick_side();
@@ -28,7 +30,9 @@ fn assert_within<T: Sample>(voxels: &[T], store: &Store, error: f64) {
     let mut scratch = BrickScratch::default();
     for key in keys(geometry) {
         let record = store.read_brick(key, &mut scratch, &mut brick).unwrap();
-        assert!(record.error.amax <= error, "{key}: {}", record.error.amax);
+        let level = &store.metadata().levels[usize::from(key.level())];
+        assert!(record.error.amax <= error.unwrap_or(level.amax), "{key}: {}", record.error.amax);
+        let error = error.unwrap_or(level.amax.max(level.overlap_amax_bound));
         let dims = geometry.dims_at(key.level());
         let origin = geometry.sample_origin(key);
         for (i, read) in brick.iter().enumerate() {
@@ -57,11 +61,19 @@ fn assert_keeps_its_word<T: Sample>(options: &ConvertOptions, error: Option<f64>
     assert_eq!(against.damaged, []);
     let level = &made.store.metadata().levels[0];
     assert_eq!((against.rms, against.amax), (level.rms, level.amax));
-    // The overlap of `u8` has the neighbours' errors: none is larger than the largest of a core.
-    let amax = made.store.metadata().levels.iter().map(|level| level.amax).fold(0.0, f64::max);
-    if error.is_some() || options.overlap_at_rest == OverlapAtRest::Assembled {
-        assert_within(&made.voxels, &made.store, error.unwrap_or(amax));
+    let assembled = options.overlap_at_rest == OverlapAtRest::Assembled;
+    assert_eq!(against.overlap.is_some(), assembled);
+    assert!(assembled || level.overlap_extra_amax_bound == 0.0);
+    if let Some(overlap) = against.overlap {
+        let twin = assembled_overlap(&made.voxels, &made.store);
+        assert_eq!([overlap.amax, overlap.extra_amax], [twin.amax, twin.extra_amax]);
+        for (rms, twin) in [(overlap.rms, twin.rms), (overlap.extra_rms, twin.extra_rms)] {
+            assert!((rms - twin).abs() <= 1e-12 * twin, "{rms} {twin}");
+        }
+        assert!(overlap.amax <= level.overlap_amax_bound, "{overlap:?} {level:?}");
+        assert!(overlap.extra_amax <= level.overlap_extra_amax_bound, "{overlap:?} {level:?}");
     }
+    assert_within(&made.voxels, &made.store, error);
     for threads in [1, 2, 7] {
         let options = ConvertOptions { threads, ..options.clone() };
         let other = made.folder.path().join(format!("{threads}.octavo"));
@@ -76,6 +88,45 @@ fn assert_keeps_its_word<T: Sample>(options: &ConvertOptions, error: Option<f64>
         whole[index(DIMS, [0, 1, 2].map(|axis| at[axis] + region.min[axis]))]
     });
     assert_eq!(cut, expected);
+}
+
+/// The errors of level 0's overlap, a sample at a time: from the voxel, and from what the brick's own range
+/// makes of the voxel.
+fn assembled_overlap<T: Sample>(voxels: &[T], store: &Store) -> OverlapReport {
+    let geometry = store.geometry();
+    let (mut error, mut extra) = (ErrorSum::default(), ErrorSum::default());
+    for key in keys(geometry).into_iter().filter(|key| key.level() == 0) {
+        let (record, read) = store.read_brick_samples(key).unwrap();
+        if record.state == BrickState::Empty {
+            continue;
+        }
+        let (region, side) = (geometry.core_region(key), geometry.brick_side());
+        let origin = geometry.sample_origin(key);
+        let mut samples = vec![T::default(); geometry.brick_samples()];
+        let mut overlap = Vec::new();
+        for (i, sample) in samples.iter_mut().enumerate() {
+            let at = [i % side, i / side % side, i / side / side];
+            let whole = [0, 1, 2].map(|axis| origin[axis] + at[axis] as i64);
+            let voxel = [0, 1, 2].map(|axis| whole[axis].clamp(0, DIMS[axis] as i64 - 1) as u64);
+            *sample = voxels[index(DIMS, voxel)];
+            let in_core = (0..3).all(|a| (region.min[a]..region.max[a]).contains(&voxel[a]));
+            if !in_core && voxel.map(|v| v as i64) == whole {
+                overlap.push((i, *sample));
+            }
+        }
+        let mut own = samples;
+        store.recode(&record, &mut BrickScratch::default(), &mut own).unwrap();
+        for (i, voxel) in overlap {
+            error.add(read.get_f64(i) - voxel.to_f64());
+            extra.add(read.get_f64(i) - own[i].to_f64());
+        }
+    }
+    OverlapReport {
+        rms: error.rms(),
+        amax: error.amax,
+        extra_rms: extra.rms(),
+        extra_amax: extra.amax,
+    }
 }
 
 #[test]
@@ -122,6 +173,37 @@ fn assembled_overlap_of_any_width_is_the_stored_one_where_nothing_is_lost() {
         let (stored, assembled) = (read(OverlapAtRest::Stored), read(OverlapAtRest::Assembled));
         assert_eq!(stored.0, assembled.0, "core {core}, overlap {overlap}");
         assert!(overlap == 0 || assembled.1 < stored.1 * 3 / 4);
+    }
+}
+
+#[test]
+fn overlap_beside_dropped_bricks_is_within_what_its_level_says() {
+    for encoding in [Encoding::Lossless, Encoding::Quantised8, bound(300.0)] {
+        for overlap in [OverlapAtRest::Stored, OverlapAtRest::Assembled] {
+            let options = ConvertOptions {
+                empty_below: Some(18_000.0),
+                ..how(encoding, Effort::Balanced, overlap)
+            };
+            let made = converted(DIMS, scan::<u16>(DIMS, 3), &options);
+            let level = &made.store.metadata().levels[0];
+            assert!(level.empty > 0 && level.stored > 0, "{level:?}");
+            let found = assembled_overlap(&made.voxels, &made.store);
+            assert!(found.amax <= level.overlap_amax_bound, "{found:?} {level:?}");
+            assert!(found.extra_amax <= level.overlap_extra_amax_bound, "{found:?} {level:?}");
+            let seen = overlap == OverlapAtRest::Assembled;
+            assert_eq!(found.extra_amax > 10_000.0, seen, "what was dropped shows: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn overlap_in_a_bricks_own_codes_is_the_overlap_that_is_stored() {
+    for encoding in [Encoding::Lossless, Encoding::Quantised8, bound(300.0)] {
+        let options = how(encoding, Effort::Balanced, OverlapAtRest::Stored);
+        let made = converted(DIMS, scan::<i16>(DIMS, 3), &options);
+        let found = assembled_overlap(&made.voxels, &made.store);
+        assert_eq!((found.extra_rms, found.extra_amax), (0.0, 0.0), "{encoding}");
+        assert_eq!(found.amax > 0.0, encoding != Encoding::Lossless);
     }
 }
 

@@ -10,6 +10,8 @@ pub(super) struct Report<'a> {
     #[serde(flatten)]
     info: InfoJson<'a>,
     threads: usize,
+    /// What the kernels ran on: `AVX-512`, `AVX2` or `baseline`.
+    instruction_set: &'static str,
     total_secs: f64,
     bricks_secs: f64,
     finish_secs: f64,
@@ -26,6 +28,7 @@ impl<'a> Report<'a> {
         Self {
             info: InfoJson::new(&done.metadata, done.file_bytes),
             threads: done.plan.threads,
+            instruction_set: octree_store::instruction_set(),
             total_secs: done.total_secs,
             bricks_secs: done.bricks_secs,
             finish_secs: done.finish_secs,

@@ -1,6 +1,6 @@
 //! What a person is told of a plan and of a finished conversion.
 
-use crate::commands::info::{dropped_line, error_line};
+use crate::commands::info::{dropped_line, error_line, overlap_line};
 use crate::commands::{by, human_bytes};
 use crate::info_json::bits_per_voxel;
 use preprocess::{Conversion, ConversionPlan};
@@ -72,6 +72,9 @@ pub(super) fn print_summary(done: &Conversion, input: &Path, output: &Path) -> i
         bits_per_voxel(metadata, done.file_bytes)
     )?;
     writeln!(out, "  {}", error_line(metadata))?;
+    if let Some(overlap) = overlap_line(metadata) {
+        writeln!(out, "  {overlap}")?;
+    }
     if metadata.dropped_voxels > 0 {
         writeln!(out, "  {}", dropped_line(metadata))?;
     }

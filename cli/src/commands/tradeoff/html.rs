@@ -1,6 +1,7 @@
 //! `report.html`: one file that asks for no other, for light and dark, wide and narrow.
 
-use super::plots::{self, GRID, INK, LEGEND, Plot};
+use super::drawing::{GRID, INK};
+use super::plots::{self, LEGEND, Plot, label_of};
 use super::report::{Report, short};
 use plotters::style::RGBColor;
 use preprocess::tradeoff::RungReading;
@@ -83,7 +84,10 @@ fn summary(page: &mut String, report: &Report) -> std::fmt::Result {
         ("Dropped", threshold),
         (
             "Machine",
-            format!("{}, {} cores; {} threads used", machine.cpu, machine.cores, report.threads),
+            format!(
+                "{}, {} cores, {} instructions; {} threads used",
+                machine.cpu, machine.cores, machine.instruction_set, report.threads
+            ),
         ),
         ("Made", format!("by {}, {}", report.created_by, report.created_utc)),
     ] {
@@ -136,14 +140,18 @@ fn figures(page: &mut String, report: &Report, plots: &[Plot]) -> std::fmt::Resu
         "<span>▲ effort fast</span><span>● balanced</span><span>■ small</span><span>✕ small, overlap assembled</span></p>\n\
          <p>Errors are those of what a reader gets at full resolution, in source units, dropped bricks included. \
          On a logarithmic axis there is no zero: what has no error stands in the shaded column at the edge.</p>\n\
-         <div class=\"plots\">\n",
+         <ol class=\"key\">\n",
     );
+    for rung in &report.rungs {
+        writeln!(page, "<li>{}</li>", escaped(&label_of(rung)))?;
+    }
+    page.push_str("</ol>\n<div class=\"plots\">\n");
     for plot in plots {
         writeln!(
             page,
             "<figure><figcaption>{}</figcaption>{}</figure>",
             escaped(&plot.title),
-            plot.svg.trim()
+            plot.svgs.iter().map(|svg| svg.trim()).collect::<String>()
         )?;
     }
     writeln!(

@@ -2,7 +2,9 @@
 //! costs and gives is written as JSON and as a page with plots.
 
 mod axis;
+mod drawing;
 mod html;
+mod labels;
 mod plots;
 mod report;
 mod show;

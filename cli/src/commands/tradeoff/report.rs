@@ -30,6 +30,8 @@ pub(super) struct Report {
 pub(super) struct Machine {
     pub(super) cpu: String,
     pub(super) cores: usize,
+    /// What the kernels ran on.
+    pub(super) instruction_set: &'static str,
 }
 
 #[derive(Debug, Serialize)]
@@ -171,6 +173,7 @@ impl Machine {
         Self {
             cpu: named.unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
+            instruction_set: octree_store::instruction_set(),
         }
     }
 }
