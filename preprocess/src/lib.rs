@@ -8,6 +8,7 @@
 pub mod compare;
 mod convert;
 mod decode;
+mod disk;
 mod downsample;
 mod error;
 pub mod export;
@@ -16,6 +17,7 @@ pub mod histogram;
 pub mod memory;
 mod progress;
 pub mod source;
+mod upscale;
 mod value_stats;
 mod verify_against;
 mod volume;
@@ -23,9 +25,11 @@ mod walk;
 mod window;
 
 pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, Start, convert};
+pub use disk::DiskSpace;
 pub use error::PreprocessError;
 pub use progress::{NoProgress, Progress};
 pub use source::{Source, SourceError, SourceOptions};
+pub use upscale::{CubicKernel, Detail, Upscale};
 pub use verify_against::{AgainstReport, verify_against};
 pub use volume::{Volume, VolumeSlices};
 

@@ -2,7 +2,7 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 11] = [
+const COMMANDS: [&str; 12] = [
     "convert",
     "info",
     "verify",
@@ -12,6 +12,7 @@ const COMMANDS: [&str; 11] = [
     "extract",
     "brick",
     "compare",
+    "upscale",
     "completions",
     "man",
 ];

@@ -16,3 +16,4 @@ mod samples;
 mod sharing;
 mod support;
 mod tiff;
+mod upscale;

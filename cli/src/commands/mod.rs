@@ -4,12 +4,14 @@ mod brick;
 mod compare;
 mod completions;
 mod convert;
+mod enlarge;
 mod extract;
 mod histogram;
 mod info;
 mod man;
 mod preview;
 mod slice;
+mod upscale;
 mod verify;
 
 use crate::exit::Answer;
@@ -42,6 +44,7 @@ enum Command {
     Extract(extract::Extract),
     Brick(brick::Brick),
     Compare(compare::Compare),
+    Upscale(upscale::Upscale),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -59,6 +62,7 @@ impl Octavo {
             Command::Extract(command) => command.run(),
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
+            Command::Upscale(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
         }
