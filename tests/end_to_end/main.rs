@@ -21,3 +21,4 @@ mod strange;
 mod support;
 mod tiff;
 mod tradeoff;
+mod upscale;

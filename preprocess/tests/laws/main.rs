@@ -11,4 +11,6 @@ mod ranges;
 mod resume;
 mod samples;
 mod support;
+mod upscale;
+mod upscale_detail;
 mod values;
