@@ -36,7 +36,7 @@ fn other_readers_find_every_type_level_and_region_where_it_was() {
             for name in &names {
                 bench.ok(&format!("extract a.octavo -o {name} --level {level} --roi {roi}"));
             }
-            list += &format!("{kind}.nii|{}|{level}|{roi}\n", names.join("|"));
+            list.extend([kind, ".nii|", &names.join("|"), "|", &level.to_string(), "|", roi, "\n"]);
         }
     }
     bench.write("list.txt", list.as_bytes());

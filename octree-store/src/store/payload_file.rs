@@ -63,6 +63,8 @@ impl PayloadFile {
             file.read_exact_at(&mut page.0[..filled], SUPERBLOCK_BYTES + start)?;
             buffer.push(page);
         }
+        // Taken at once: what is predicted is what is used.
+        buffer.resize(Self::BUFFER_BYTES / PAGE, Page::zeroed());
         // A file system that cannot write directly is written to as usual.
         Ok(Self { file, direct: direct.ok(), buffer, filled, written: filled, start })
     }
@@ -80,9 +82,6 @@ impl PayloadFile {
         while !bytes.is_empty() {
             let (now, later) = bytes.split_at(bytes.len().min(Self::BUFFER_BYTES - self.filled));
             let end = self.filled + now.len();
-            if self.buffer.len() * PAGE < end {
-                self.buffer.resize(end.div_ceil(PAGE), Page::zeroed());
-            }
             cast_slice_mut(&mut self.buffer)[self.filled..end].copy_from_slice(now);
             self.filled = end;
             if end == Self::BUFFER_BYTES {

@@ -52,13 +52,13 @@ pub struct Committed {
 }
 
 impl StoreWriter {
-    /// Bytes of memory that a writer takes for a store of so many bricks and bytes of payload, where the
-    /// records of `waiting` bricks wait for a commit or are being committed.
+    /// Bytes of memory that a writer takes for a store of so many bricks, of which the records of
+    /// `waiting` wait for a commit or are being committed.
     ///
     /// Measured: a record takes 160 bytes while it waits, and about as many in each of two redb
     /// caches, of the work index and of the store's own. The second takes as much again beside its
     /// limit while it is put in order, and remembers a few bytes a record.
-    pub fn memory_bytes(bricks: u64, payload_bytes: u64, waiting: u64) -> u64 {
+    pub fn memory_bytes(bricks: u64, waiting: u64) -> u64 {
         const RECORD_BYTES: u64 = 160;
         let cache = WRITER_CACHE_BYTES as u64;
         let records = RECORD_BYTES * bricks;
@@ -66,7 +66,7 @@ impl StoreWriter {
         (256 << 10)
             + records.min(cache)
             + index.max(RECORD_BYTES * waiting)
-            + payload_bytes.min(PayloadFile::BUFFER_BYTES as u64)
+            + PayloadFile::BUFFER_BYTES as u64
     }
 
     /// Creates an empty store in a new file, with a work index in another. `synced` are files that

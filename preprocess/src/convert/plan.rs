@@ -256,10 +256,17 @@ fn divide_memory(
     let core = u64::from(geometry.core()).pow(3) * sample_bytes;
     // What Zstandard keeps at its first level.
     let zstd = if options.effort == Effort::Small { 320 << 10 } else { 0 };
+    // Lossless bricks are packed from their samples.
+    let codes = if options.encoding == Encoding::Lossless { 0 } else { coded };
+    // Differences and their arrangement; codes of eight bits are tried as they are.
+    let filters = match (options.encoding, options.effort) {
+        (_, Effort::Fast) | (Encoding::Quantised8, Effort::Balanced) => 0,
+        _ => 2 * coded + coded / 8,
+    };
     // Gathered samples, means, their parent's block, codes, what filters make of them, and room for
     // compression to fail in.
     let thread_bytes =
-        THREAD_BYTES + 8 * brick + core / 8 + core + 3 * coded + coded * 11 / 10 + zstd;
+        THREAD_BYTES + 8 * brick + core / 8 + core + codes + filters + coded * 11 / 10 + zstd;
     let octets = octets(geometry, threads) * (octet_payload_bytes(geometry, coded) + 8 * 512);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
@@ -279,7 +286,7 @@ fn divide_memory(
     let waiting = u128::from(geometry.bricks()) * u128::from(commits) / u128::from(source_bytes);
     let waiting = waiting as u64;
     let mut memory = BASE_BYTES
-        + StoreWriter::memory_bytes(geometry.bricks(), geometry.bricks() * coded, waiting)
+        + StoreWriter::memory_bytes(geometry.bricks(), waiting)
         + threads * (thread_bytes + enlarging)
         + octets
         + pending

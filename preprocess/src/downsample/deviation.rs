@@ -124,7 +124,10 @@ fn squares_and_max<T: Sample>(fine: &[T], coarse: &[T], scale: f64) -> (f64, f64
     let (mut squares, mut max) = (0.0, 0.0_f64);
     let mut add = |fine: T, coarse: T| {
         if fine.is_finite() && coarse.is_finite() {
-            let deviation = fine.to_f64() * scale - coarse.to_f64() * scale;
+            let (fine, coarse) = (fine.to_f64(), coarse.to_f64());
+            // What is made larger may overflow, and what is made smaller may vanish.
+            let deviation =
+                if scale > 1.0 { (fine - coarse) * scale } else { fine * scale - coarse * scale };
             squares += deviation * deviation;
             max = max.max(deviation.abs());
         }

@@ -48,8 +48,12 @@ fn nice(bound: f64, sample_type: SampleType) -> f64 {
     if sample_type.is_integer() {
         return bound.floor();
     }
-    let digits = format!("{bound:.2e}").parse().unwrap_or(bound);
-    if digits > bound { bound } else { digits }
+    // Cut off, not rounded: three digits of the mantissa.
+    let text = format!("{bound:.17e}");
+    let digits = text.split_once('e').map(|(mantissa, exponent)| {
+        format!("{}e{exponent}", mantissa.get(..4).unwrap_or(mantissa))
+    });
+    digits.and_then(|digits| digits.parse().ok()).unwrap_or(bound)
 }
 
 /// All rungs.
@@ -119,7 +123,7 @@ impl Rung {
     /// The options of a conversion that goes this way.
     pub(super) fn options(&self, how: &ConvertOptions) -> ConvertOptions {
         let Self { encoding, effort, empty_below, overlap_at_rest } = *self;
-        ConvertOptions { encoding, effort, empty_below, overlap_at_rest, ..how.clone() }
+        ConvertOptions { encoding, effort, overlap_at_rest, empty_below, ..how.clone() }
     }
 }
 

@@ -235,7 +235,9 @@ fn sets(largest: u32) -> anyhow::Result<()> {
     let images: Vec<u32> =
         [256, 512, 1024, 2048, 4096].into_iter().filter(|&image| image <= largest).collect();
     print!("| volume |");
-    images.iter().for_each(|image| print!(" {image}^2 |"));
+    for image in &images {
+        print!(" {image}^2 |");
+    }
     println!("\n|---|{}", "---|".repeat(images.len()));
     for side in [256, 512, 1024, 2048, 4096, 8192, 16_384] {
         print!("| {side}^3 |");

@@ -172,17 +172,7 @@ impl Header {
             None => return Err(NrrdError::FieldMissing { field: "endian" }),
             Some(_) => return Err(wrong("endian", "little or big")),
         };
-        let line_skip = get("line skip").map_or(Ok(0), |skip| {
-            skip.parse().map_err(|_| wrong("line skip", "a number of lines"))
-        })?;
-        let byte_skip = match get("byte skip") {
-            Some("-1") if encoding != Encoding::Raw => return Err(NrrdError::SkipFromEnd),
-            Some("-1") => None,
-            Some(skip) => {
-                Some(skip.parse().map_err(|_| wrong("byte skip", "a number of bytes, or -1"))?)
-            }
-            None => Some(0),
-        };
+        let (line_skip, byte_skip) = skips(get("line skip"), get("byte skip"), encoding)?;
         let words = |field, lower: bool| -> Result<Vec<String>, NrrdError> {
             let Some(value) = get(field) else { return Ok(Vec::new()) };
             let value = if lower { value.to_lowercase() } else { value.to_owned() };
@@ -251,6 +241,28 @@ impl Header {
             origin,
         })
     }
+}
+
+/// Lines and bytes before the voxels; no bytes where the voxels are the file's last ones.
+fn skips(
+    lines: Option<&str>,
+    bytes: Option<&str>,
+    encoding: Encoding,
+) -> Result<(u64, Option<u64>), NrrdError> {
+    let wrong = |field, expected, found| NrrdError::Field { field, expected, found: shown(found) };
+    let lines = lines.map_or(Ok(0), |skip| {
+        skip.parse().map_err(|_| wrong("line skip", "a number of lines", skip))
+    })?;
+    let bytes = match bytes {
+        Some("-1") if encoding != Encoding::Raw => return Err(NrrdError::SkipFromEnd),
+        Some("-1") => None,
+        Some(skip) => {
+            let bytes = skip.parse();
+            Some(bytes.map_err(|_| wrong("byte skip", "a number of bytes, or -1", skip))?)
+        }
+        None => Some(0),
+    };
+    Ok((lines, bytes))
 }
 
 fn is_list(data_file: &str) -> bool {

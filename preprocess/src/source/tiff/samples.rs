@@ -84,7 +84,7 @@ fn f32_of_half(half: u16) -> f32 {
     let magnitude = match u32::from(half >> 10 & 0x1f) {
         0 => (mantissa as f32 / 16_777_216.0).to_bits(),
         31 => 0x7f80_0000 | mantissa << 13,
-        exponent => exponent + (127 - 15) << 23 | mantissa << 13,
+        exponent => (exponent + (127 - 15)) << 23 | mantissa << 13,
     };
     f32::from_bits(sign | magnitude)
 }
