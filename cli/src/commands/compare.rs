@@ -48,8 +48,8 @@ impl Compare {
             (Err(_), Ok(b)) => (self.open(&self.a, Some(&b))?, b),
             (Err(error), Err(_)) => return Err(error),
         };
-        let (a, b) = (enlarged_like(a, &b)?, b);
-        let (a, b) = (a, enlarged_like(b, &a)?);
+        let a = enlarged_like(a, &b)?;
+        let b = enlarged_like(b, &a)?;
         let found = compare(&a, &b)?;
         if self.json {
             print_json(&found)?;
