@@ -13,7 +13,7 @@ pub(super) struct EnlargeArgs {
     kernel: Option<CubicKernel>,
     /// Add noise of the frequencies that the source cannot hold, with A times the local contrast as its
     /// RMS: the mean difference between a voxel and its six neighbours
-    #[arg(long, value_name = "A")]
+    #[arg(long, value_name = "A", allow_negative_numbers = true)]
     detail: Option<f64>,
     /// Which noise: another seed, another noise
     /// [default: 0]

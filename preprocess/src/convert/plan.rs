@@ -25,7 +25,7 @@ const AHEAD_PER_THREAD: u64 = 2;
 const WAITING_PER_THREAD: u64 = 1;
 /// Slices that a decoded source is ahead of the walk, where memory allows: a row of octets.
 const SLICES_AHEAD: u64 = 64;
-/// Nanoseconds of a thread for a voxel of the upscaler's.
+/// Nanoseconds of a thread for a voxel of the upscaler's: expected from its arithmetic, not measured yet.
 const TRICUBIC_NANOS: f64 = 2.0;
 /// The same with detail.
 const DETAIL_NANOS: f64 = 8.0;
@@ -79,8 +79,8 @@ pub struct ConversionPlan {
     pub scratch_bytes: u64,
     /// The store is at most this large: nothing compresses, nothing is uniform.
     pub output_bytes_max: u64,
-    /// Seconds that the work would take on the machine of `bench/README.md` with so many threads: other
-    /// machines differ, and a packed source or a slow disk may take longer to read.
+    /// Seconds that the work would take on the machine of `bench/README.md` with so many threads, enlarging as
+    /// fast as its arithmetic lets expect: other machines differ, and a packed source or a slow disk may take longer to read.
     pub estimated_secs: f64,
     /// Of the scratch, what the windows' slots take.
     #[serde(skip)]

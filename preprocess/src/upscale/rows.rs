@@ -11,7 +11,7 @@ use octree_store::{Geometry, NodeKey, Region, Sample, SampleType};
 use std::sync::{Mutex, PoisonError};
 
 /// A tile has at most so many new voxels along an axis.
-const TILE: u64 = 72;
+pub(super) const TILE: u64 = 72;
 
 /// Enlarges the voxels of one source, for any number of threads.
 #[derive(Debug)]

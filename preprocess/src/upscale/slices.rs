@@ -1,6 +1,6 @@
 //! An enlarged volume's slices, one after the other: a slab of them is computed at a time, by all threads.
 
-use super::rows::{Block, Upscaler, thread_bytes};
+use super::rows::{Block, TILE, Upscaler, thread_bytes};
 use super::source::Enlarged;
 use crate::error::PreprocessError;
 use crate::gather::Rows;
@@ -47,7 +47,7 @@ impl SlabLimits {
         let slice = |[x, y, _]: [u64; 3]| x * y * sample_type.bytes() as u64;
         let (old, new) = (slice(enlarged.source.dims_xyz), slice(enlarged.new_dims_xyz()));
         let depth = enlarged.new_dims_xyz()[2];
-        let thread = THREAD_BYTES + thread_bytes(&enlarged.upscale, sample_type, BAND);
+        let thread = THREAD_BYTES + thread_bytes(&enlarged.upscale, sample_type, TILE);
         let decoding = enlarged.source.decode_bytes().unwrap_or(0);
         // The slice being written is there twice: as samples, and as bytes.
         let memory = |threads: usize, slab: u64| {

@@ -438,7 +438,7 @@ fn stopped_work_is_gone_on_with_to_the_same_store_and_count() {
     let whole = convert(&open(upscale), &folder.path().join("w.octavo"), &options, &NoProgress);
     let whole = whole.unwrap();
     assert!(whole.clamped_voxels > Some(1000));
-    for stop in [40, 300, 900] {
+    for stop in [40, 300, 700] {
         let path = folder.path().join(format!("{stop}.octavo"));
         let stopped = convert(&open(upscale), &path, &options, &StopsAt(stop.into()));
         assert!(matches!(stopped, Err(PreprocessError::Kept { .. })), "{stopped:?}");
