@@ -48,7 +48,7 @@ PY
   while IFS=$'\t' read -r name arguments; do
     # shellcheck disable=SC2086
     "$octavo" convert "$file" -o "$work/region.octavo" --force --json $arguments > "$work/convert.log"
-    rate=$("$target/release/random_reads" "$work/region.octavo" --region 32 --reads 300 --rounds "$runs" | awk '{ print $3 }')
+    rate=$("$target/release/random_reads" "$work/region.octavo" --region 32 --reads 100 --rounds "$runs" | awk '{ print $3 }')
     awk -v rate="$rate" -v name="$name" 'BEGIN { printf "%.1f\t%s\n", 1e6 / rate, name }' >> "$work/regions.tsv"
   done < "$work/rungs.tsv"
   say "$(basename "$file"): peers"

@@ -4,7 +4,8 @@
 //! bricks; a [`NodeKey`] names one brick; a [`NodeRecord`] says what is known of it; an
 //! [`encoding`] turns its samples into a payload and back; [`StoreWriter`] writes all of it and
 //! [`Store`] reads it from any number of threads and processes. [`verify`] tells whether a store
-//! is whole, and [`loader`] gives a renderer the bricks that its view requires. `FORMAT.md` beside this crate is the byte-level specification.
+//! is whole, and [`loader`] gives a renderer the bricks that its view requires. `FORMAT.md` beside
+//! this crate is the byte-level specification.
 //!
 //! The crate knows nothing of volume files, of GPUs, or of the command line.
 //!

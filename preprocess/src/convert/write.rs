@@ -205,3 +205,33 @@ impl Writing<'_> {
         Ok(self.writer.commit(&state.to_bytes(), self.octets)?)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::NoProgress;
+
+    #[test]
+    fn a_slot_is_filled_anew_only_when_what_needed_it_is_durable() {
+        let (sender, receiver) = sync_channel(1);
+        let durable = AtomicU64::new(7);
+        let mut walk = ToWriter { sender, progress: &NoProgress, durable: &durable };
+        walk.wait_until_durable(7).unwrap();
+        assert!(receiver.try_recv().is_err(), "nobody is asked for what is known");
+        let durable = &durable;
+        thread::scope(|scope| {
+            let writer = move || match receiver.recv().unwrap() {
+                Message::MakeDurable(octets, answer) => {
+                    durable.store(octets, Ordering::Release);
+                    answer.send(()).unwrap();
+                }
+                Message::Octet(_) => unreachable!("none was sent"),
+            };
+            thread::Builder::new().spawn_scoped(scope, writer).unwrap();
+            walk.wait_until_durable(8).unwrap();
+            assert_eq!(durable.load(Ordering::Acquire), 8, "the writer is asked, and waited for");
+        });
+        // A writer that is gone answers nobody.
+        assert!(matches!(walk.wait_until_durable(9), Err(PreprocessError::Cancelled)));
+    }
+}

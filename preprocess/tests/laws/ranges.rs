@@ -133,6 +133,8 @@ fn dropped_bricks_are_counted_apart_and_read_as_the_empty_value() {
     let key = NodeKey::new(0, [1, 0, 0]);
     made.store.read_brick(key, &mut BrickScratch::default(), &mut brick).unwrap();
     assert!(brick.iter().all(|&v| v == 0));
+    // Nothing in the volume is 0, and what is read is.
+    assert_ranges_hold::<u16>(&made.store);
     // A threshold at or below every voxel drops nothing: "below" is strict.
     let all = ConvertOptions { empty_below: Some(100.0), ..options };
     assert_eq!(converted(dims, volume, &all).store.metadata().dropped_voxels, 0);

@@ -269,3 +269,35 @@ fn work_that_was_ended_before_its_index_was_ready_begins_anew() {
         fs::remove_file(bench.output()).unwrap();
     }
 }
+
+#[test]
+fn whichever_slot_is_damaged_it_is_noticed_or_no_longer_needed() {
+    let bench = Bench::raw();
+    let expected = undisturbed(&bench).metadata.digest;
+    let work = ["partial", "index", "scratch"]
+        .map(|end| bench.output().with_extension(format!("octavo.{end}")));
+    let (mut refused, mut unneeded) = (0, 0);
+    for ended in [31, 60, 87] {
+        bench.convert(&options(Start::Fresh), &EndAfter::octets(ended, false)).unwrap_err();
+        let left = work.each_ref().map(|file| fs::read(file).unwrap());
+        // A slot is at least so long, and begins at a multiple of it.
+        for slot in 0..left[2].len() / (1 << 16) {
+            let mut scratch = left[2].clone();
+            scratch[slot << 16..][..1 << 16].iter_mut().for_each(|byte| *byte ^= 0x15);
+            fs::write(&work[0], &left[0]).unwrap();
+            fs::write(&work[1], &left[1]).unwrap();
+            fs::write(&work[2], &scratch).unwrap();
+            match bench.convert(&options(RESUME), &NoProgress) {
+                Ok(done) => {
+                    assert_eq!(done.metadata.digest, expected, "slot {slot} after {ended}");
+                    fs::remove_file(bench.output()).unwrap();
+                    unneeded += 1;
+                }
+                Err(PreprocessError::CannotResume { .. }) => refused += 1,
+                Err(error) => panic!("{error}"),
+            }
+        }
+        work.each_ref().map(|file| drop(fs::remove_file(file)));
+    }
+    assert!(refused > 5 && unneeded > 0, "{refused} refused, {unneeded} unneeded");
+}
