@@ -59,7 +59,7 @@ fn weigh<F: Real, const N: usize>(v: [F; N], w: [F; N], flat: bool) -> F {
         return w[0] * v[0] + w[1] * v[1];
     }
     let sum = (w[0] * v[0] + w[3] * v[3]) + (w[1] * v[1] + w[2] * v[2]);
-    let same = flat & (v[0] == v[1]) & (v[1] == v[2]) & (v[2] == v[3]);
+    let same = flat && v[0] == v[1] && v[1] == v[2] && v[2] == v[3];
     if same { v[1] } else { sum }
 }
 
