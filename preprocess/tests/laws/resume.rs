@@ -297,7 +297,9 @@ fn whichever_slot_is_damaged_it_is_noticed_or_no_longer_needed() {
                 Err(error) => panic!("{error}"),
             }
         }
-        work.each_ref().map(|file| drop(fs::remove_file(file)));
+        for file in &work {
+            drop(fs::remove_file(file));
+        }
     }
     assert!(refused > 5 && unneeded > 0, "{refused} refused, {unneeded} unneeded");
 }
