@@ -1,8 +1,8 @@
 //! Steps of a separable interpolation, on rows padded to whole vectors.
 //!
-//! A box of samples is stretched along x, then y, then z, the first step on the fewest samples: 4 (1/f^2
-//! + 1/f + 1) multiplications a new voxel, 5.25 for f = 4, instead of 64. Along y and z a new row is
-//! a weighted sum of rows; only along x do neighbours mix.
+//! A box of samples is stretched along x, then y, then z, the first step on the fewest samples:
+//! 4 (1/f^2 + 1/f + 1) multiplications a new voxel, 5.25 for f = 4, instead of 64. Along y and z a new
+//! row is a weighted sum of rows; only along x do neighbours mix.
 //!
 //! Everything here is inlined into kernels that are compiled for several instruction sets. Sums have a
 //! fixed order that is the same read from either end: mirrored samples give mirrored results.

@@ -25,7 +25,7 @@ pub(crate) struct Upscaler<T> {
     wide: Kernels<f64>,
     noise: Option<(Noise, f64)>,
     /// Of threads that are not at work now.
-    scratches: Mutex<Vec<Box<Scratch<T>>>>,
+    scratches: Mutex<Vec<Scratch<T>>>,
 }
 
 /// What a thread keeps from region to region.

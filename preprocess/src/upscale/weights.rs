@@ -62,7 +62,7 @@ fn phases<F: Real, const N: usize>(
             let Stencil { mut taps, mut weights } = stencil(t);
             if phase < late {
                 taps.reverse();
-                taps.iter_mut().for_each(|tap| *tap = -*tap);
+                taps = taps.map(|tap| -tap);
                 weights.reverse();
             }
             Stencil { taps, weights }
@@ -90,7 +90,7 @@ mod tests {
             assert!((sum - 1.0).abs() <= ulp, "phase {phase}: {sum}");
             let mut mirror = stencils[stencils.len() - 1 - phase];
             mirror.taps.reverse();
-            mirror.taps.iter_mut().for_each(|tap| *tap = -*tap);
+            mirror.taps = mirror.taps.map(|tap| -tap);
             mirror.weights.reverse();
             // The voxel in the middle has its centre twice, once with weight 0.
             let same = if mirror.taps == [-1, 0, 0, 1][..] {

@@ -170,9 +170,9 @@ fn volumes_of_one_voxel_row_or_slice_are_the_twin_too() {
 
 #[test]
 fn a_constant_stays_that_constant_to_the_bit() {
-    let dims = [20, 3, 2];
     // One voxel differs, so that the rest is not taken by the way of uniform boxes.
-    fn check<T: Sample>(dims: [u64; 3], value: T, other: T) {
+    fn check<T: Sample>(value: T, other: T) {
+        let dims = [20, 3, 2];
         for factor in Upscale::FACTORS {
             for kernel in CubicKernel::ALL {
                 for odd_one in [value, other] {
@@ -187,12 +187,12 @@ fn a_constant_stays_that_constant_to_the_bit() {
             }
         }
     }
-    check::<u16>(dims, 65_535, 0);
-    check::<i8>(dims, -128, 127);
-    check::<u32>(dims, u32::MAX, 5);
-    check::<f32>(dims, 0.1, 1e9);
-    check::<f32>(dims, -1000.3, 0.0);
-    check::<f64>(dims, 1e300 / 3.0, 0.0);
+    check::<u16>(65_535, 0);
+    check::<i8>(-128, 127);
+    check::<u32>(u32::MAX, 5);
+    check::<f32>(0.1, 1e9);
+    check::<f32>(-1000.3, 0.0);
+    check::<f64>(1e300 / 3.0, 0.0);
 }
 
 #[test]
