@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Enlarging by Octavo and by others, of the same volume: bench/upscale.sh [PART...]
 #
-# Parts, each under two minutes on two cores but the last, all but the last if none is named:
+# Parts, all but the last if none is named:
 #   rate      256^3 to 1024^3 without a disk, tricubic alone and with detail, beside the arithmetic roofline
-#   peers     256^3 to 512^3 by scipy.ndimage.zoom, by ITK, and by Octavo, and how far the results lie apart
+#   peers     256^3 to 512^3 by scipy.ndimage.zoom, by ITK, and by Octavo, and how far the results lie apart;
+#             minutes, nearly all of them scipy's
 #   spectrum  the power spectrum of 64^3, enlarged to 256^3, without and with detail
 #   store     256^3 converted to a store of 1024^3, against converting the same 1024^3 from the disk
 #   big       512^3 converted to a store of 2048^3 once, with --empty-below 6400: minutes, up to 15 GB
@@ -36,7 +37,6 @@ rate() {
   make_volume 256
   warm "$raw"
   rm -f "$results"
-  local flags
   for run in $(seq "$runs"); do
     say "rate, run $run of $runs"
     measure "tricubic" "" "$enlarge" "$raw"
@@ -55,33 +55,36 @@ rate() {
 }
 
 peers() {
-  make_venv
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check scipy==1.17.1 SimpleITK==2.5.7
+  make_venv requirements-upscale.txt
   make_volume 256
   warm "$raw"
   rm -f "$results"
+  local scipy="$work/scipy_512x512x512_u16.raw" itk="$work/itk_512x512x512_u16.raw"
   for run in $(seq "$runs"); do
     say "peers, run $run of $runs"
     measure octavo "" "$enlarge" "$raw" --factor 2 --kernel b-spline
-    measure itk "" "$venv/bin/python" "$here/peers/simpleitk_resample.py" "$raw" 256 2
-    # One run takes as long as all others together.
-    ((run > 1)) ||
-      measure scipy "" "$venv/bin/python" "$here/peers/scipy_zoom.py" "$raw" 256 2 "$work/scipy_512x512x512_u16.raw"
+    measure itk "" "$venv/bin/python" "$here/peers/simpleitk_resample.py" "$raw" 256 2 "$itk"
+    measure scipy "" "$venv/bin/python" "$here/peers/scipy_zoom.py" "$raw" 256 2 "$scipy"
   done
-  "$octavo" upscale "$raw" -o "$work/ours_512x512x512_u16.raw" --factor 2 --kernel b-spline --force > "$work/upscale.log"
-  echo "Enlarging 256^3 u16 twice by a cubic B-spline, medians, 2 cores"
+  echo "Enlarging 256^3 u16 twice by a cubic B-spline, medians of $runs, 2 cores"
   provenance
   echo
   python3 "$here/peers/table.py" "$results" $((512 * 512 * 512)) octavo
   echo
-  echo "Octavo against scipy, both the B-spline of the samples themselves:"
-  "$octavo" compare "$work/scipy_512x512x512_u16.raw" "$work/ours_512x512x512_u16.raw"
-  rm -f "$work"/scipy_* "$work"/ours_*
+  local kernel ours="$work/ours_512x512x512_u16.raw"
+  for kernel in b-spline catmull-rom; do
+    "$octavo" upscale "$raw" -o "$ours" --factor 2 --kernel "$kernel" --force > "$work/upscale.log"
+    for peer in "$scipy" "$itk"; do
+      echo "$(basename "${peer%%_*}") against octavo's $kernel:"
+      "$octavo" compare "$peer" "$ours"
+    done
+  done
+  rm -f "$scipy" "$itk" "$ours"
   echo
 }
 
 spectrum() {
-  make_venv
+  make_venv requirements-upscale.txt
   make_volume 64
   local plain="$work/plain.raw" detailed="$work/detailed.raw"
   "$octavo" upscale "$raw" -o "$plain" --force > "$work/upscale.log"
@@ -117,10 +120,18 @@ store() {
 big() {
   needs_room 18000000000 "a store of 2048^3" || exit 3
   make_volume 512
+  warm "$raw"
+  rm -f "$results"
   local out="$work/out.octavo"
-  "$octavo" convert "$raw" -o "$out" --force --upscale 4 --detail 0.5 --seed 1 --empty-below 6400 --plan
-  "$octavo" convert "$raw" -o "$out" --force --upscale 4 --detail 0.5 --seed 1 --empty-below 6400
-  rm -f "$out"
+  local flags=(--upscale 4 --detail 0.5 --seed 1 --empty-below 6400)
+  "$octavo" convert "$raw" -o "$out" --force "${flags[@]}" --plan
+  say "big"
+  measure big "$out" "$octavo" convert "$raw" -o "$out" "${flags[@]}" --json
+  echo
+  echo "512^3 u16 enlarged to a store of 2048^3, one run, 2 cores"
+  provenance
+  echo
+  python3 "$here/peers/beside_2010.py" "$results"
 }
 
 for part in "${parts[@]}"; do "$part"; done

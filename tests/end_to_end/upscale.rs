@@ -72,11 +72,16 @@ fn a_part_is_cut_out_before_it_is_enlarged() {
     let bench = Bench::new();
     bench.scan("a_40x33x20_u16.raw");
     let roi = "--roi 4:20,2:30,6:19";
-    bench.ok(&format!("upscale a_40x33x20_u16.raw -o part.raw --factor 2 {roi} --detail 0.5"));
+    let files = ["part.raw", "part.nii.gz", "part.nrrd", "part.tif"];
+    for file in files {
+        bench.ok(&format!("upscale a_40x33x20_u16.raw -o {file} --factor 2 {roi} --detail 0.5"));
+    }
     bench.ok(&format!(
         "convert a_40x33x20_u16.raw -o part.octavo --encoding lossless --upscale 2 {roi} --detail 0.5"
     ));
-    bench.ok("compare part.octavo part.raw --max-amax 0");
+    for file in files {
+        bench.ok(&format!("compare part.octavo {file} --max-amax 0"));
+    }
     bench.ok("verify part.octavo --against a_40x33x20_u16.raw");
 }
 
@@ -173,8 +178,10 @@ fn what_makes_no_sense_is_refused() {
         ("convert a_40x33x20_u16.raw --upscale 4 --detail -1", "--detail"),
         ("convert a_40x33x20_u16.raw --upscale 4 --seed 1", "--detail"),
         ("convert a_40x33x20_u16.raw --upscale 4 --kernel sinc", "b-spline"),
-        ("upscale a_40x33x20_u16.raw -o a.tif", ".nii"),
+        ("upscale a_40x33x20_u16.raw -o a.png", ".nii"),
+        ("upscale a_40x33x20_u16.raw -o ./a_40x33x20_u16.raw --force", "another name"),
         ("upscale a_40x33x20_u16.raw -o a.raw --detail nan", "--detail"),
+        ("upscale a_40x33x20_u16.raw -o none/a.raw", "no such folder"),
     ] {
         let refused = bench.run(arguments);
         assert_eq!(refused.code, 2, "{arguments}: {}", refused.err);

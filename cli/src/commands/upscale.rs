@@ -27,7 +27,7 @@ use std::time::Instant;
 pub(super) struct Upscale {
     /// The volume: a file, a folder of slices, a quoted glob
     input: PathBuf,
-    /// The file: .raw, .nii or .nii.gz
+    /// The file: .raw, .nii, .nii.gz, .nrrd or .tif (BigTIFF above 4 GiB)
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// How many times, along every axis
@@ -35,10 +35,6 @@ pub(super) struct Upscale {
     factor: u32,
     #[command(flatten)]
     enlarge: EnlargeArgs,
-    #[command(flatten)]
-    raw: RawArgs,
-    #[command(flatten)]
-    series: SeriesArgs,
     /// Size of a voxel of the input, in place of its own
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
     spacing: Option<[f64; 3]>,
@@ -60,6 +56,10 @@ pub(super) struct Upscale {
     /// Print JSON (schema octavo.upscale/1)
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    raw: RawArgs,
+    #[command(flatten)]
+    series: SeriesArgs,
 }
 
 #[derive(Serialize)]
@@ -80,7 +80,10 @@ struct UpscaleJson {
 impl Upscale {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
         let Some(format) = ExportFormat::of_name(&self.output) else {
-            bail!("{}: its name must end in .raw, .nii or .nii.gz", self.output.display());
+            bail!(
+                "{}: its name must end in .raw, .nii, .nii.gz, .nrrd, .tif or .tiff",
+                self.output.display()
+            );
         };
         let upscale = self.enlarge.upscale(self.factor)?;
         let mut source = Source::open(&self.input, &self.raw.source_options(Some(&self.series)))?;

@@ -14,6 +14,7 @@ mod write;
 
 pub(crate) use brick::ValueRules;
 pub use output::Start;
+pub(crate) use output::check_place;
 pub(crate) use plan::folder_of;
 pub use plan::{ConversionPlan, PlannedLevel};
 

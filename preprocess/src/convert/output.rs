@@ -38,6 +38,23 @@ pub(super) struct Output {
     made: bool,
 }
 
+/// Refuses an output that would replace a source, or lie in no folder.
+///
+/// # Errors
+/// When it would.
+pub(crate) fn check_place(path: &Path, sources: &[PathBuf]) -> Result<(), PreprocessError> {
+    let owned = || path.to_owned();
+    let canonical = path.canonicalize().ok();
+    if canonical.is_some() && sources.iter().any(|source| source.canonicalize().ok() == canonical) {
+        return Err(PreprocessError::OutputIsInput { path: owned() });
+    }
+    if path.file_name().is_none() || !folder_of(path).is_dir() {
+        let source = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
+        return Err(PreprocessError::Output { path: owned(), source });
+    }
+    Ok(())
+}
+
 impl Output {
     /// Looks at what is there already. `sources` must not be the output.
     pub(super) fn prepare(
@@ -47,16 +64,7 @@ impl Output {
         start: Start,
     ) -> Result<Self, PreprocessError> {
         let owned = || path.to_owned();
-        let canonical = path.canonicalize().ok();
-        if canonical.is_some()
-            && sources.iter().any(|source| source.canonicalize().ok() == canonical)
-        {
-            return Err(PreprocessError::OutputIsInput { path: owned() });
-        }
-        if path.file_name().is_none() || !folder_of(path).is_dir() {
-            let source = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
-            return Err(PreprocessError::Output { path: owned(), source });
-        }
+        check_place(path, sources)?;
         let mut output = Self {
             path: owned(),
             partial: with_ending(path, ".partial"),

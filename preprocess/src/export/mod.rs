@@ -4,6 +4,7 @@ mod nifti;
 mod nrrd;
 mod tiff;
 
+use crate::convert::check_place;
 use crate::disk::check_room;
 use crate::error::PreprocessError;
 use crate::progress::Progress;
@@ -59,6 +60,11 @@ pub fn export(
     force: bool,
     progress: &dyn Progress,
 ) -> Result<(), PreprocessError> {
+    let inputs = match volume {
+        Volume::Source(source) => source.files.as_slice(),
+        Volume::Store { .. } => &[],
+    };
+    check_place(output, inputs)?;
     if output.exists() && !(output.is_file() && force) {
         return Err(PreprocessError::Exists { path: output.to_owned() });
     }

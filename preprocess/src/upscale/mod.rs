@@ -14,6 +14,7 @@ mod contrast;
 mod kernel;
 mod lattice;
 mod noise;
+mod octave;
 mod real;
 mod rows;
 mod slices;

@@ -1,20 +1,15 @@
 //! The detail's noise: octaves between the source's Nyquist frequency and the new one, and nothing else.
 //!
-//! In the manner of wavelet noise (R. L. Cook and T. DeRose, "Wavelet noise", SIGGRAPH 2005) an octave
-//! is white noise on a lattice less its own low-pass part: of m cells a source voxel the half (of 3
-//! cells two thirds) of the frequencies that are the highest. The low-pass filter is the Catmull-Rom
-//! kernel, sampled: 7 taps (or 11). Lattices of 2 and 4 cells a voxel are stretched to the new voxels by
-//! the tricubic kernel. At last each source voxel's own mean is taken away, so that averaging gives
-//! the source back.
-//!
-//! Every octave has the same energy (pink noise). The whole has a mean square of 1.
+//! An octave is white noise on a lattice less its own low-pass part, stretched to the new voxels
+//! ([`super::octave`] says which). At last each source voxel's own mean is taken away, so that averaging
+//! gives the source back.
 //!
 //! White noise is a hash of seed, octave and place, without tables. Along x it repeats after 2^32 cells,
 //! along y and z after 2^64: beyond any volume.
 
-use super::kernel::CubicKernel;
 use super::lattice::{Axis, LANES, blocks, stretch_row, weigh_rows};
-use super::weights::{REACH, Stencils, cubic};
+use super::octave::{Octave, octaves};
+use super::weights::REACH;
 use multiversion::multiversion;
 
 /// The noise of a seed at a factor.
@@ -23,21 +18,6 @@ pub(super) struct Noise {
     seed: u64,
     factor: usize,
     octaves: Vec<Octave>,
-}
-
-/// One octave.
-#[derive(Debug)]
-struct Octave {
-    /// Its number: octaves differ.
-    number: u64,
-    /// Lattice cells along a source voxel.
-    cells: usize,
-    /// The low-pass filter: weights at distance 0, 1, 2 … cells.
-    low_pass: Vec<f32>,
-    /// From a hash, as a signed integer, to the value of a cell.
-    scale: f32,
-    /// From the lattice to the new voxels, where these are finer.
-    stretch: Option<Stencils<f32, 4>>,
 }
 
 /// What a thread keeps.
@@ -68,29 +48,7 @@ impl NoiseScratch {
 impl Noise {
     /// The noise of a seed for volumes enlarged so many times.
     pub(super) fn new(seed: u64, factor: usize) -> Self {
-        let cells: &[usize] = match factor {
-            3 => &[3],
-            4 => &[2, 4],
-            8 => &[2, 4, 8],
-            _ => &[2],
-        };
-        let share = 1.0 / cells.len() as f64;
-        let octaves = cells.iter().enumerate().map(|(number, &cells)| {
-            let ratio = if cells == 3 { 3 } else { 2 };
-            let low_pass = low_pass(ratio);
-            let stretch =
-                (cells < factor).then(|| cubic::<f64>(factor / cells, CubicKernel::CatmullRom));
-            let gain = (share / mean_square(cells, factor, &low_pass, stretch.as_ref())).sqrt();
-            Octave {
-                number: number as u64,
-                cells,
-                low_pass: low_pass.iter().map(|w| *w as f32).collect(),
-                // Uniform from -2^31 to 2^31 has a mean square of 2^62 / 3.
-                scale: (gain * 3_f64.sqrt() / 2_147_483_648.0) as f32,
-                stretch: stretch.is_some().then(|| cubic(factor / cells, CubicKernel::CatmullRom)),
-            }
-        });
-        Self { seed, factor, octaves: octaves.collect() }
+        Self { seed, factor, octaves: octaves(factor) }
     }
 
     /// Fills `scratch` with the noise of `voxels` source voxels along x, y, z from `first` on.
@@ -109,68 +67,6 @@ impl Noise {
         }
         take_means_away(self.factor, voxels, scratch);
     }
-}
-
-/// The Catmull-Rom kernel at multiples of 1/ratio, over the ratio: it passes what a lattice `ratio`
-/// times coarser can hold, and its weights sum to 1. Every ratio-th of them is 0.
-fn low_pass(ratio: u32) -> Vec<f64> {
-    let ratio = f64::from(ratio);
-    let weights = (0..12).map(|k| CubicKernel::CatmullRom.at(f64::from(k) / ratio) / ratio);
-    let mut weights: Vec<f64> = weights.collect();
-    while weights.last() == Some(&0.0) {
-        weights.pop();
-    }
-    weights
-}
-
-/// The mean square, over the places within a source voxel, of what becomes of white noise of mean square
-/// 1 on the lattice.
-///
-/// All steps are separable or differences of separable ones: with U the stretching, L the low-pass filter
-/// and P the mean over a voxel, the noise is (1 - P) U (1 - L) = U - UL - PU + PUL of the white noise, and
-/// the mean of products of two such terms is that of an axis, cubed.
-fn mean_square(
-    cells: usize,
-    factor: usize,
-    low_pass: &[f64],
-    stretch: Option<&Stencils<f64, 4>>,
-) -> f64 {
-    // Columns are lattice cells, from `around` before the voxel to `around` after it.
-    let around = REACH + low_pass.len();
-    let columns = cells + 2 * around;
-    let mut u = vec![vec![0.0; columns]; factor];
-    for (place, row) in u.iter_mut().enumerate() {
-        match stretch {
-            None => row[place + around] = 1.0,
-            Some(stencils) => {
-                let stencil = &stencils[place % stencils.len()];
-                let own = (place / stencils.len() + around) as i64;
-                for (tap, weight) in stencil.taps.iter().zip(stencil.weights) {
-                    row[(own + tap) as usize] += weight;
-                }
-            }
-        }
-    }
-    let filtered = |row: &Vec<f64>| -> Vec<f64> {
-        let weight = |a: usize, b: usize| low_pass.get(a.abs_diff(b)).copied().unwrap_or(0.0);
-        (0..columns).map(|j| (0..columns).map(|i| row[i] * weight(i, j)).sum()).collect()
-    };
-    let mean = |rows: &[Vec<f64>]| -> Vec<Vec<f64>> {
-        let mean = |j: usize| rows.iter().map(|row| row[j]).sum::<f64>() / factor as f64;
-        vec![(0..columns).map(mean).collect(); factor]
-    };
-    let ul: Vec<_> = u.iter().map(filtered).collect();
-    let (pu, pul) = (mean(&u), mean(&ul));
-    let terms = [(1.0, u), (-1.0, ul), (-1.0, pu), (1.0, pul)];
-    let mut sum = 0.0;
-    for (sign_a, a) in &terms {
-        for (sign_b, b) in &terms {
-            let pairs = a.iter().flatten().zip(b.iter().flatten());
-            let product = pairs.map(|(a, b)| a * b).sum::<f64>() / factor as f64;
-            sum += sign_a * sign_b * product * product * product;
-        }
-    }
-    sum
 }
 
 /// Mixes 64 bits: the finaliser of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).

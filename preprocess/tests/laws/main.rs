@@ -13,4 +13,5 @@ mod samples;
 mod support;
 mod upscale;
 mod upscale_detail;
+mod upscale_stores;
 mod values;
