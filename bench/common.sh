@@ -45,10 +45,10 @@ provenance() {
 }
 load_before=$(cut -d ' ' -f 1 /proc/loadavg)
 
-# Python packages of the peers, into a folder of their own.
+# Python packages of the peers, into a folder of their own: make_venv [LIST=requirements.txt]
 make_venv() {
   [[ -x $venv/bin/python ]] || python3 -m venv "$venv"
-  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$here/peers/requirements.txt"
+  "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$here/peers/${1:-requirements.txt}"
 }
 
 # needs_room BYTES WHAT

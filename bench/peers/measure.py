@@ -4,7 +4,7 @@
 measure.py LABEL --results RESULTS [--output PATH] -- PROGRAM [ARGUMENTS]
 
 `own_bytes` is the greatest RssAnon of the process, read every 10 ms: pages of mapped files are the
-system's, on all sides. A program that prints JSON with `inside_seconds` and `inside_cpu_seconds` is
+system's, on all sides; `rss_bytes` counts them too. A program that prints JSON with `inside_seconds` and `inside_cpu_seconds` is
 taken at its word, so that a Python peer does not pay for its imports; all others count from start to
 end. Memory that the program reports itself (`peak_memory_bytes`) counts where it is greater.
 """
@@ -71,6 +71,7 @@ def main():
         "label": arguments.label,
         "seconds": report.get("inside_seconds", seconds),
         "cpu_seconds": report.get("inside_cpu_seconds", usage.ru_utime + usage.ru_stime),
+        "rss_bytes": usage.ru_maxrss << 10,
         "own_bytes": max(own, report.get("peak_memory_bytes") or 0),
         "output_bytes": size,
         "files": files,

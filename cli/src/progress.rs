@@ -32,6 +32,8 @@ pub(crate) struct Bar {
     shown: ProgressBar,
     what: String,
     started: Instant,
+    /// What is counted.
+    unit: &'static str,
     /// Lines printed so far, where stderr is no terminal.
     lines: Option<AtomicU64>,
 }
@@ -39,19 +41,25 @@ pub(crate) struct Bar {
 impl Bar {
     /// A bar for so many bricks. From here on Ctrl-C and SIGTERM end the work cleanly.
     pub(crate) fn new(what: impl Into<String>, bricks: u64) -> Self {
+        Self::of(what, bricks, "bricks")
+    }
+
+    /// A bar for so many of something else.
+    pub(crate) fn of(what: impl Into<String>, count: u64, unit: &'static str) -> Self {
         // A second call finds the handler in place, which is all that is wanted.
         let _ = ctrlc::set_handler(|| STOP.store(true, Ordering::Relaxed));
         let what = what.into();
         let terminal = stderr().is_terminal();
-        let bar = BARS.add(ProgressBar::new(bricks));
+        let bar = BARS.add(ProgressBar::new(count));
         let style = ProgressStyle::with_template(
-            "{msg} {wide_bar} {human_pos}/{human_len} bricks, {per_sec}, {eta} left",
+            "{msg} {wide_bar} {human_pos}/{human_len} {prefix}, {per_sec}, {eta} left",
         );
         bar.set_style(style.expect("the template is fixed and valid"));
         bar.set_message(what.clone());
+        bar.set_prefix(unit);
         bar.enable_steady_tick(Duration::from_millis(250));
-        let lines = (!terminal && bricks > 0).then(|| AtomicU64::new(0));
-        Self { shown: bar, what, started: Instant::now(), lines }
+        let lines = (!terminal && count > 0).then(|| AtomicU64::new(0));
+        Self { shown: bar, what, started: Instant::now(), unit, lines }
     }
 
     /// Takes the bar off the screen.
@@ -65,8 +73,9 @@ impl Bar {
         if lines.fetch_max(due, Ordering::Relaxed) < due {
             let (done, all) = (self.shown.position(), self.shown.length().unwrap_or(0));
             eprintln!(
-                "{}: {done} of {all} bricks, {} s left",
+                "{}: {done} of {all} {}, {} s left",
                 self.what,
+                self.unit,
                 self.shown.eta().as_secs()
             );
         }

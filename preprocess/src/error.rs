@@ -112,6 +112,26 @@ pub enum PreprocessError {
         /// What is wrong with it.
         why: &'static str,
     },
+    /// The disk has not so much free.
+    #[error("{}: it would have {needed} bytes, and the disk has {free} free: free some, or give -o a place on \
+        another disk", path.display())]
+    DiskTooSmall {
+        /// The output.
+        path: PathBuf,
+        /// Its bytes.
+        needed: u64,
+        /// The bytes that are free.
+        free: u64,
+    },
+    /// A store's options name an upscaling that this version does not know.
+    #[error(
+        "the store was made by an upscaling that this version of octavo cannot do ({found}): use the \
+        version that made it"
+    )]
+    UnknownUpscale {
+        /// What the options say.
+        found: String,
+    },
     /// Two volumes of different size cannot be compared.
     #[error("the volumes differ in size: {} x {} x {} and {} x {} x {} voxels",
         a[0], a[1], a[2], b[0], b[1], b[2])]
@@ -144,6 +164,7 @@ impl PreprocessError {
             Self::Output { source, .. } => !is_denied(source),
             Self::Kept { source, .. } => source.is_environment(),
             Self::Scratch(_)
+            | Self::DiskTooSmall { .. }
             | Self::ScratchFile { .. }
             | Self::Thread(_)
             | Self::Panic { .. }

@@ -9,6 +9,17 @@ use octree_store::{Geometry, NodeKey, Sample};
 pub(crate) trait Rows<T>: Sync {
     /// Reads `out.len()` voxels from (x, y, z) along x; all lie inside the level.
     fn read_row(&self, xyz: [u64; 3], out: &mut [T]);
+
+    /// Fills `bricks` with the samples of all children of `parent`, one brick after the other in octant
+    /// order, where that is quicker than one by one; returns how many of their core voxels were clamped
+    /// to the type's range, or `None` where it did nothing.
+    fn read_octet(&self, geometry: &Geometry, parent: NodeKey, bricks: &mut [T]) -> Option<u64>
+    where
+        Self: Sized,
+        T: Sample,
+    {
+        gather_octet(self, geometry, parent, bricks).then_some(0)
+    }
 }
 
 impl<T: Sample> Rows<T> for MappedVoxels<'_> {

@@ -9,6 +9,7 @@
 pub mod compare;
 mod convert;
 mod decode;
+mod disk;
 mod downsample;
 mod error;
 pub mod export;
@@ -19,6 +20,7 @@ pub mod memory;
 mod progress;
 pub mod source;
 pub mod tradeoff;
+mod upscale;
 mod value_stats;
 mod verify_against;
 mod volume;
@@ -26,9 +28,11 @@ mod walk;
 mod window;
 
 pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, Start, convert};
+pub use disk::DiskSpace;
 pub use error::PreprocessError;
 pub use progress::{NoProgress, Progress};
 pub use source::{Source, SourceError, SourceOptions};
+pub use upscale::{CubicKernel, Detail, Upscale};
 pub use verify_against::{AgainstReport, OverlapReport, verify_against};
 pub use volume::{Volume, VolumeSlices};
 

@@ -9,6 +9,7 @@ use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::source::Source;
 use crate::source::map::unnamed_file;
+use crate::upscale::Upscale;
 use crate::walk::{Buffers, Earlier, Octet, Sink, Visitor, walk};
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
@@ -70,6 +71,10 @@ pub fn verify_against(
     let metadata = store.metadata();
     let source = match roi(store) {
         Some(region) => source.crop(region)?,
+        None => source,
+    };
+    let source = match Upscale::recorded(&metadata.options)? {
+        Some(upscale) => source.upscale(upscale)?,
         None => source,
     };
     if source.dims_xyz != metadata.dims_xyz {

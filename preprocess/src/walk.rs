@@ -12,9 +12,10 @@
 use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
-use crate::gather::{Rows, gather, gather_octet};
+use crate::gather::{Rows, gather};
 use crate::level_window::{ChunkWriter, Layout, LevelWindow};
 use crate::source::Source;
+use crate::upscale::Upscaler;
 use crate::window::{Window, WindowPlace};
 use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
@@ -62,6 +63,8 @@ pub(crate) struct Octet<O> {
     pub(crate) payloads: Vec<u8>,
     /// XXH3-64 of the parent's block as it went into its window; 0 where it has none.
     pub(crate) block_checksum: u64,
+    /// Core voxels that the upscaler clamped to the type's range.
+    pub(crate) clamped: u64,
 }
 
 /// Where visited octets go, in an order that depends on the geometry alone.
@@ -87,6 +90,8 @@ pub(crate) struct WalkOptions {
     pub(crate) stream_place: WindowPlace,
     /// Slices in a chunk of that window.
     pub(crate) stream_chunk: u64,
+    /// How many chunks that window holds at most, without those decoded ahead.
+    pub(crate) stream_window_chunks: u64,
     /// How many of its chunks may be decoded ahead of the walk.
     pub(crate) stream_chunks_ahead: u64,
 }
@@ -133,9 +138,9 @@ impl<B> Buffers<B> {
 
 /// Chunks of so many slices that a decoded source's window holds at most, without those decoded
 /// ahead.
-pub(crate) fn stream_window_chunks(geometry: &Geometry, chunk: u64) -> u64 {
-    let slices = 2 * u64::from(geometry.core() + geometry.overlap());
-    slices.min(geometry.dims_xyz()[2]).div_ceil(chunk) + 2
+pub(crate) fn stream_window_chunks(source: &Source, geometry: &Geometry, chunk: u64) -> u64 {
+    let slices = (2 * u64::from(geometry.core() + geometry.overlap())).min(geometry.dims_xyz()[2]);
+    source.enlarged().map_or(slices, |enlarged| enlarged.window_slices(slices)).div_ceil(chunk) + 2
 }
 
 /// Chunks, of a core's slices each, that the window of a level above 0 holds at most: two to be
@@ -173,15 +178,26 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
     let WalkOptions { octets_ahead, downsample, .. } = *options;
     let walker = Walker { geometry, pool, visitor, octets_ahead, downsample, payloads, scratches };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
+    // An enlarged source's voxels are computed from another's.
+    let (source, enlarged) = (source.in_files(), source.enlarged());
+    let upscaler = enlarged.map(Upscaler::new);
+    let needed = |slices| enlarged.map_or(slices, |enlarged| enlarged.slices_needed(slices));
+    let first_needed = |z| enlarged.map_or(z, |enlarged| enlarged.first_slice(z));
     if let Some(mapped) = source.mapped() {
         for row in 0..walker.octet_rows(0) {
-            mapped.will_need(walker.slices_after(row));
-            walker.walk_row(&mapped, 0, row, &mut levels, &mut course)?;
+            let soon = walker.slices_after(row);
+            mapped.will_need(needed(soon.start)..needed(soon.end));
+            match &upscaler {
+                Some(upscaler) => {
+                    walker.walk_row(&upscaler.rows(&mapped), 0, row, &mut levels, &mut course)?;
+                }
+                None => walker.walk_row(&mapped, 0, row, &mut levels, &mut course)?,
+            }
         }
         return Ok(());
     }
     let (place, chunk) = (options.stream_place.clone(), options.stream_chunk);
-    let mut window = Window::new(geometry.dims_xyz(), chunk, place);
+    let mut window = Window::new(source.dims_xyz, chunk, place);
     // Rows that are done need no voxels.
     let mut first_row = 0;
     while first_row < walker.octet_rows(0)
@@ -193,20 +209,25 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
     if first_row == walker.octet_rows(0) {
         return Ok(());
     }
-    let first_slice = walker.slices_done(first_row.wrapping_sub(1));
+    let first_slice = first_needed(walker.slices_done(first_row.wrapping_sub(1)));
     let decoder = Decoder { source, pool, chunk, first_chunk: first_slice / chunk };
     window.begin_at(decoder.first_chunk);
-    let chunks = stream_window_chunks(geometry, chunk) + options.stream_chunks_ahead;
+    let chunks = options.stream_window_chunks + options.stream_chunks_ahead;
     let blanks = (0..chunks).map(|_| window.blank()).collect::<Result<_, _>>();
     decoder.run(blanks.map_err(PreprocessError::Scratch)?, |full, blanks| {
         for row in first_row..walker.octet_rows(0) {
-            while window.slices() < walker.slices_needed(0, row) {
+            while window.slices() < needed(walker.slices_needed(0, row)) {
                 // Slices that end early have an error of their own.
                 let Ok(chunk) = full.recv() else { return Ok(()) };
                 window.push(chunk);
             }
-            walker.walk_row(&window, 0, row, &mut levels, &mut course)?;
-            window.drop_before(walker.slices_done(row));
+            match &upscaler {
+                Some(upscaler) => {
+                    walker.walk_row(&upscaler.rows(&window), 0, row, &mut levels, &mut course)?;
+                }
+                None => walker.walk_row(&window, 0, row, &mut levels, &mut course)?,
+            }
+            window.drop_before(first_needed(walker.slices_done(row)));
             while let Some(blank) = window.take_spare() {
                 // A decoder that is done needs no more.
                 if blanks.send(blank).is_err() {
@@ -389,16 +410,17 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         let samples = geometry.brick_samples();
         scratch.block.resize(side.pow(3), T::default());
         scratch.bricks.resize(8 * samples, T::default());
-        let at_once = gather_octet(rows, geometry, parent, &mut scratch.bricks);
+        let at_once = rows.read_octet(geometry, parent, &mut scratch.bricks);
         let mut octet = Octet {
             bricks: Vec::with_capacity(8),
             payloads: self.payloads.take(),
             block_checksum: 0,
+            clamped: at_once.unwrap_or(0),
         };
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
             let ThreadScratch { bricks, coarse, block, visitor } = scratch;
             let brick = &mut bricks[key.octant() * samples..][..samples];
-            if !at_once {
+            if at_once.is_none() {
                 gather(rows, geometry, key, brick);
             }
             let core = Core::of(geometry, key);

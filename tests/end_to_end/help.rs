@@ -2,7 +2,7 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 13] = [
     "convert",
     "info",
     "verify",
@@ -13,6 +13,7 @@ const COMMANDS: [&str; 12] = [
     "brick",
     "compare",
     "tradeoff",
+    "upscale",
     "completions",
     "man",
 ];

@@ -22,3 +22,4 @@ mod strange;
 mod support;
 mod tiff;
 mod tradeoff;
+mod upscale;

@@ -3,8 +3,8 @@
 use super::{RawArgs, SeriesArgs, by, print_json};
 use crate::exit::Answer;
 use clap::Args;
-use preprocess::Volume;
 use preprocess::compare::{Comparison, compare};
+use preprocess::{Upscale, Volume};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -48,6 +48,8 @@ impl Compare {
             (Err(_), Ok(b)) => (self.open(&self.a, Some(&b))?, b),
             (Err(error), Err(_)) => return Err(error),
         };
+        let a = enlarged_like(a, &b)?;
+        let b = enlarged_like(b, &a)?;
         let found = compare(&a, &b)?;
         if self.json {
             print_json(&found)?;
@@ -78,6 +80,21 @@ impl Compare {
         }
         Ok(volume)
     }
+}
+
+/// A source that a store was enlarged from is compared as it was enlarged.
+fn enlarged_like(volume: Volume, other: &Volume) -> anyhow::Result<Volume> {
+    let (Volume::Source(source), Volume::Store { store, .. }) = (&volume, other) else {
+        return Ok(volume);
+    };
+    let Some(upscale) = Upscale::recorded(&store.metadata().options)? else { return Ok(volume) };
+    if source.dims_xyz.map(|n| n * u64::from(upscale.factor())) != other.dims_xyz() {
+        return Ok(volume);
+    }
+    let Volume::Source(source) = volume else { return Ok(volume) };
+    let path = &source.description.path;
+    eprintln!("octavo: {path}: enlarged {} times, as the store was", upscale.factor());
+    Ok(Volume::Source(Box::new(source.upscale(upscale)?)))
 }
 
 fn print(found: &Comparison) -> io::Result<()> {

@@ -61,7 +61,7 @@ impl Extract {
             max: roi.max.map(|v| ((v - 1) >> self.level) + 1),
         });
         let volume = Volume::of_store(store, self.level, region)?;
-        let bar = Bar::new("extracting", 0);
+        let bar = Bar::of("extracting", volume.dims_xyz()[2], "slices");
         let done = export(&volume, &self.output, format, self.force, &bar);
         bar.finish();
         done?;

@@ -4,6 +4,7 @@ mod brick;
 mod compare;
 mod completions;
 mod convert;
+mod enlarge;
 mod extract;
 mod histogram;
 mod info;
@@ -11,6 +12,7 @@ mod man;
 mod preview;
 mod slice;
 mod tradeoff;
+mod upscale;
 mod verify;
 
 use crate::exit::Answer;
@@ -44,6 +46,7 @@ enum Command {
     Brick(brick::Brick),
     Compare(compare::Compare),
     Tradeoff(tradeoff::Tradeoff),
+    Upscale(upscale::Upscale),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -62,6 +65,7 @@ impl Octavo {
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
+            Command::Upscale(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
         }

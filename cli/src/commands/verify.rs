@@ -209,7 +209,11 @@ impl Verify {
 fn assume_store(options: &mut preprocess::SourceOptions, path: &std::path::Path, store: &Store) {
     let named = preprocess::source::RawName::parse(path).is_some();
     if !named {
-        options.dims_xyz = options.dims_xyz.or(Some(store.metadata().dims_xyz));
+        // It was smaller where the store was enlarged from it.
+        let factor = store.metadata().options.get("upscale").and_then(serde_json::Value::as_u64);
+        let factor = factor.unwrap_or(1).max(1);
+        let dims_xyz = store.metadata().dims_xyz.map(|n| n / factor);
+        options.dims_xyz = options.dims_xyz.or(Some(dims_xyz));
         options.sample_type = options.sample_type.or(Some(store.metadata().sample_type));
     }
 }

@@ -14,6 +14,7 @@ mod write;
 
 pub(crate) use brick::ValueRules;
 pub use output::Start;
+pub(crate) use output::check_place;
 pub(crate) use plan::folder_of;
 pub use plan::{ConversionPlan, PlannedLevel};
 
@@ -37,7 +38,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
-use write::{Work, make_bricks};
+use write::{Work, Written, make_bricks};
 
 /// How to convert.
 #[derive(Debug, Clone, PartialEq)]
@@ -155,14 +156,14 @@ impl ConvertOptions {
             "downsample": self.downsample,
             "brick": [self.brick_core, self.brick_overlap],
             "empty_below": self.empty_below.map(f64::to_bits),
-            "options": self.recorded(),
+            "options": self.recorded(source),
             "slots_bytes": plan.slots_bytes,
         });
         content.to_string()
     }
 
     /// The options that change a store's content, for its metadata.
-    fn recorded(&self) -> BTreeMap<String, serde_json::Value> {
+    fn recorded(&self, source: &Source) -> BTreeMap<String, serde_json::Value> {
         let mut options = BTreeMap::new();
         if let Some(value) = self.nan_value {
             options.insert("nan_value".into(), value.into());
@@ -180,6 +181,9 @@ impl ConvertOptions {
         }
         if let Some(Region { min, max }) = self.roi {
             options.insert("roi".into(), serde_json::json!([min, max]));
+        }
+        if let Some(upscale) = source.upscaling() {
+            upscale.record(&mut options);
         }
         options
     }
@@ -227,6 +231,8 @@ pub struct Conversion {
     pub peak_memory_bytes: Option<u64>,
     /// Bricks that an earlier run had made.
     pub resumed_bricks: u64,
+    /// Of an enlarged source, the voxels whose values were clamped to the sample type's range, each once.
+    pub clamped_voxels: Option<u64>,
 }
 
 /// Converts a source into a store at `output`.
@@ -258,7 +264,7 @@ pub fn convert(
     let made = with_sample_type!(source.sample_type(), T => {
         make_bricks::<T>(work, &encoder, &mut writer, earlier, progress)
     });
-    let (values, writer_busy_secs) = match made {
+    let Written { values, clamped, writer_busy_secs } = match made {
         Ok(made) => made,
         Err(error) => {
             let durable = writer.durable_mark().unwrap_or(0) > 0 || resumed_bricks > 0;
@@ -279,7 +285,7 @@ pub fn convert(
     metadata.created_by = concat!("octavo ", env!("CARGO_PKG_VERSION")).into();
     metadata.created_unix_secs =
         SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    metadata.options = options.recorded();
+    metadata.options = options.recorded(source);
     let metadata = match writer.finish(metadata) {
         Ok(metadata) => metadata,
         Err(error) => return Err(kept_or_not(error.into(), true, &mut place)),
@@ -299,6 +305,7 @@ pub fn convert(
         writer_busy_secs,
         peak_memory_bytes: memory.peak_bytes(),
         resumed_bricks,
+        clamped_voxels: source.upscaling().map(|_| clamped),
     })
 }
 

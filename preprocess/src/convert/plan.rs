@@ -25,6 +25,10 @@ const AHEAD_PER_THREAD: u64 = 2;
 const WAITING_PER_THREAD: u64 = 1;
 /// Slices that a decoded source is ahead of the walk, where memory allows: a row of octets.
 const SLICES_AHEAD: u64 = 64;
+/// Nanoseconds of a thread for a voxel of the upscaler's: expected from its arithmetic, not measured yet.
+const TRICUBIC_NANOS: f64 = 2.0;
+/// The same with detail.
+const DETAIL_NANOS: f64 = 8.0;
 /// Slices in a chunk of a stream.
 const STREAM_CHUNK: u64 = 4;
 /// Bytes of the source after which work is committed, where nothing else is said: what is done anew
@@ -75,6 +79,9 @@ pub struct ConversionPlan {
     pub scratch_bytes: u64,
     /// The store is at most this large: nothing compresses, nothing is uniform.
     pub output_bytes_max: u64,
+    /// Seconds that the work would take on the machine of `bench/README.md` with so many threads, enlarging as
+    /// fast as its arithmetic lets expect: other machines differ, and a packed source or a slow disk may take longer to read.
+    pub estimated_secs: f64,
     /// Of the scratch, what the windows' slots take.
     #[serde(skip)]
     pub(crate) slots_bytes: u64,
@@ -155,10 +162,30 @@ impl ConversionPlan {
             commit_source_bytes: options.commit_source_bytes,
             // redb's leaves are half full at worst; an empty redb file has about 1.5 MB.
             output_bytes_max: payload + 2 * records + (2 << 20),
+            estimated_secs: geometry.dims_xyz().map(|n| n as f64).iter().product::<f64>()
+                * voxel_nanos(source, options)
+                / threads as f64
+                * 1e-9,
             walk,
             geometry,
         })
     }
+}
+
+/// Nanoseconds of a thread for a voxel of level 0 and what becomes of it above, as measured for u16
+/// (`bench/README.md`).
+fn voxel_nanos(source: &Source, options: &ConvertOptions) -> f64 {
+    let bricks = match (options.encoding, options.effort) {
+        (Encoding::Quantised8, Effort::Fast) => 6.2,
+        (Encoding::Quantised8, Effort::Balanced) => 7.4,
+        (Encoding::Quantised8, Effort::Small) => 10.5,
+        (Encoding::Lossless | Encoding::MaxError(_), Effort::Fast) => 9.0,
+        (Encoding::Lossless | Encoding::MaxError(_), Effort::Balanced | Effort::Small) => 13.8,
+    };
+    let enlarged = source.upscaling().map_or(0.0, |upscale| {
+        if upscale.detail().is_some() { DETAIL_NANOS } else { TRICUBIC_NANOS }
+    });
+    bricks + enlarged
 }
 
 /// The folder that a path lies in.
@@ -220,6 +247,8 @@ fn divide_memory(
     options: &ConvertOptions,
 ) -> Result<(WalkOptions, u64, u64), PreprocessError> {
     let budget = options.memory_bytes;
+    // Where what is decoded is: an enlarged source's slices are another's.
+    let files = source.in_files();
     let sample_type = source.sample_type();
     let sample_bytes = sample_type.bytes() as u64;
     let brick = geometry.brick_samples() as u64 * sample_bytes;
@@ -243,9 +272,14 @@ fn divide_memory(
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
     let decoding = match source.decode_bytes() {
-        Some(bytes) if source.slice_files().is_some() => threads * bytes,
+        Some(bytes) if files.slice_files().is_some() => threads * bytes,
         bytes => bytes.unwrap_or(0),
     };
+    let enlarging = source.upscaling().map_or(0, |upscale| {
+        let side = 2 * u64::from(geometry.core() + geometry.overlap());
+        let side = geometry.dims_xyz().into_iter().fold(0, u64::max).min(side);
+        crate::upscale::thread_bytes(&upscale, sample_type, side)
+    });
     // Records of one commit that is gathered, one that waits, and one that is written.
     let source_bytes = geometry.dims_xyz().iter().product::<u64>() * sample_bytes;
     let commits = (3 * options.commit_source_bytes).min(source_bytes);
@@ -253,7 +287,7 @@ fn divide_memory(
     let waiting = waiting as u64;
     let mut memory = BASE_BYTES
         + StoreWriter::memory_bytes(geometry.bricks(), waiting)
-        + threads * thread_bytes
+        + threads * (thread_bytes + enlarging)
         + octets
         + pending
         + decoding;
@@ -265,14 +299,17 @@ fn divide_memory(
     let mut scratch = 0;
     let mut stream_place = WindowPlace::Memory;
     let stream_chunk =
-        if source.slice_files().is_some() { STREAM_CHUNK.max(threads) } else { STREAM_CHUNK };
-    let all_chunks = geometry.dims_xyz()[2].div_ceil(stream_chunk);
-    let window_chunks = stream_window_chunks(geometry, stream_chunk);
-    let stream_chunks_ahead =
-        SLICES_AHEAD.div_ceil(stream_chunk).min(all_chunks.saturating_sub(window_chunks));
+        if files.slice_files().is_some() { STREAM_CHUNK.max(threads) } else { STREAM_CHUNK };
+    let all_chunks = files.dims_xyz[2].div_ceil(stream_chunk);
+    let stream_window_chunks = stream_window_chunks(source, geometry, stream_chunk);
+    let ahead = source.upscaling().map_or(1, |upscale| u64::from(upscale.factor()));
+    let stream_chunks_ahead = SLICES_AHEAD
+        .div_ceil(ahead)
+        .div_ceil(stream_chunk)
+        .min(all_chunks.saturating_sub(stream_window_chunks));
     if source.decode_bytes().is_some() {
-        let chunk = chunk_bytes(geometry.dims_xyz(), stream_chunk, sample_type);
-        let bytes = (window_chunks + stream_chunks_ahead) * chunk;
+        let chunk = chunk_bytes(files.dims_xyz, stream_chunk, sample_type);
+        let bytes = (stream_window_chunks + stream_chunks_ahead) * chunk;
         if memory + bytes <= budget {
             memory += bytes;
         } else {
@@ -286,6 +323,7 @@ fn divide_memory(
         layouts: layouts.to_vec(),
         stream_place,
         stream_chunk,
+        stream_window_chunks,
         stream_chunks_ahead,
     };
     Ok((walk, memory, scratch))

@@ -37,6 +37,8 @@ pub(super) struct State {
     pub(super) octets: u64,
     /// Bricks in them.
     pub(super) bricks: u64,
+    /// Voxels of them that the upscaler clamped.
+    pub(super) clamped: u64,
     pub(super) values: VolumeValues,
 }
 
@@ -53,13 +55,14 @@ impl State {
             fingerprint: Fingerprint::of(source)?,
             octets: 0,
             bricks: 0,
+            clamped: 0,
             values: VolumeValues::default(),
         })
     }
 
-    /// The state after so many octets and bricks of such values.
-    pub(super) fn at(&self, octets: u64, bricks: u64, values: &VolumeValues) -> Self {
-        Self { octets, bricks, values: values.clone(), ..self.clone() }
+    /// The state after so many octets and bricks of such values, so many of them clamped.
+    pub(super) fn at(&self, octets: u64, bricks: u64, clamped: u64, values: &VolumeValues) -> Self {
+        Self { octets, bricks, clamped, values: values.clone(), ..self.clone() }
     }
 
     pub(super) fn to_bytes(&self) -> Vec<u8> {

@@ -61,15 +61,25 @@ impl Sink<BrickOutput> for ToWriter<'_> {
     }
 }
 
-/// Walks the source and writes every brick; returns the source's values, and how many seconds the
-/// writer was busy. Work that is stopped is committed first.
+/// What is known when every brick is written.
+#[derive(Debug)]
+pub(super) struct Written {
+    /// The source's values.
+    pub(super) values: VolumeValues,
+    /// Voxels that the upscaler clamped.
+    pub(super) clamped: u64,
+    /// Seconds during which the writer was busy.
+    pub(super) writer_busy_secs: f64,
+}
+
+/// Walks the source and writes every brick. Work that is stopped is committed first.
 pub(super) fn make_bricks<T: Sample>(
     work: Work<'_>,
     encoder: &BrickEncoder<'_>,
     writer: &mut StoreWriter,
     earlier: Earlier,
     progress: &dyn Progress,
-) -> Result<(VolumeValues, f64), PreprocessError> {
+) -> Result<Written, PreprocessError> {
     let Work { source, plan, state, pending } = work;
     let pool = crate::pool(plan.threads)?;
     let buffers = Buffers::reserved(plan.octets, plan.octet_payload_bytes);
@@ -79,6 +89,7 @@ pub(super) fn make_bricks<T: Sample>(
         octets: state.octets,
         bricks: state.bricks,
         values: state.values.clone(),
+        clamped: state.clamped,
         state,
         source_bytes: 0,
         commit_bytes: plan.commit_source_bytes,
@@ -108,7 +119,7 @@ pub(super) fn make_bricks<T: Sample>(
             .map_err(PreprocessError::Thread)?;
         let written = writing.write_all(receiver, progress);
         let walked = walking.join().map_err(|_| PreprocessError::Panic { thread: "walk" })?;
-        let busy_secs = written?;
+        let writer_busy_secs = written?;
         if let Err(error) = walked {
             if matches!(error, PreprocessError::Cancelled) {
                 writing.commit()?;
@@ -116,7 +127,7 @@ pub(super) fn make_bricks<T: Sample>(
             }
             return Err(error);
         }
-        Ok((writing.values, busy_secs))
+        Ok(Written { values: writing.values, clamped: writing.clamped, writer_busy_secs })
     })
 }
 
@@ -128,6 +139,7 @@ struct Writing<'a> {
     octets: u64,
     bricks: u64,
     values: VolumeValues,
+    clamped: u64,
     /// Bytes of the source in the bricks of level 0 since the last commit.
     source_bytes: u64,
     /// After so many of them work is committed.
@@ -178,6 +190,7 @@ impl Writing<'_> {
             beneath.map_or_else(Vec::new, |beneath| kept_bytes(beneath, octet.block_checksum));
         self.writer.append(&mut records, &octet.payloads, kept)?;
         self.octets += 1;
+        self.clamped += octet.clamped;
         self.bricks += records.len() as u64;
         self.buffers.give(octet.payloads);
         if self.source_bytes >= self.commit_bytes {
@@ -187,7 +200,7 @@ impl Writing<'_> {
     }
 
     fn commit(&mut self) -> Result<(), PreprocessError> {
-        let state = self.state.at(self.octets, self.bricks, &self.values);
+        let state = self.state.at(self.octets, self.bricks, self.clamped, &self.values);
         self.source_bytes = 0;
         Ok(self.writer.commit(&state.to_bytes(), self.octets)?)
     }

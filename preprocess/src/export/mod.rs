@@ -4,6 +4,8 @@ mod nifti;
 mod nrrd;
 mod tiff;
 
+use crate::convert::check_place;
+use crate::disk::check_room;
 use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::volume::Volume;
@@ -46,10 +48,10 @@ impl ExportFormat {
     }
 }
 
-/// Writes a volume to `output`, which appears when it is whole.
+/// Writes a volume to `output`, which appears when it is whole; `progress` hears of each slice.
 ///
 /// # Errors
-/// When the volume cannot be read, the format cannot hold it, the output exists and `force` is not
+/// When the disk has no room for it, the volume cannot be read, the format cannot hold it, the output exists and `force` is not
 /// set, or cannot be written, or `progress` asks to stop. Nothing is left then.
 pub fn export(
     volume: &Volume,
@@ -58,8 +60,22 @@ pub fn export(
     force: bool,
     progress: &dyn Progress,
 ) -> Result<(), PreprocessError> {
+    let inputs = match volume {
+        Volume::Source(source) => source.files.as_slice(),
+        Volume::Store { .. } => &[],
+    };
+    check_place(output, inputs)?;
     if output.exists() && !(output.is_file() && force) {
         return Err(PreprocessError::Exists { path: output.to_owned() });
+    }
+    let voxel_bytes = volume.sample_type().bytes() as u64;
+    let bytes = volume.dims_xyz().iter().fold(voxel_bytes, |n, &dim| n.saturating_mul(dim));
+    match format {
+        ExportFormat::Raw | ExportFormat::Nifti | ExportFormat::Nrrd | ExportFormat::Tiff => {
+            check_room(output, bytes)?;
+        }
+        // How small it becomes is not known.
+        ExportFormat::NiftiGz => {}
     }
     let failed = |source: io::Error| PreprocessError::Output { path: output.to_owned(), source };
     let file = tempfile::Builder::new()
@@ -129,6 +145,7 @@ fn write_samples<T: Sample>(
             return Err(PreprocessError::Cancelled);
         }
         slices.next(&mut slice)?;
+        progress.bricks_done(1);
         bytes.clear();
         for sample in &slice {
             bytes.extend_from_slice(sample.to_le_array().as_ref());

@@ -97,6 +97,12 @@ pub enum SourceError {
         /// Why not.
         source: GeometryError,
     },
+    /// A region was to be cut out of an enlarged volume.
+    #[error("{}: a region is cut out before the volume is enlarged", path.display())]
+    EnlargedRegion {
+        /// The file.
+        path: PathBuf,
+    },
     /// The NIfTI header cannot be used.
     #[error("{}: {source}", path.display())]
     NiftiHeader {

@@ -1,8 +1,8 @@
 //! Volumes as scanners and other programs write them: one file a format, behind one type.
 //!
 //! A source is mapped (raw samples at a known place: read anywhere), a row of slices (decoded one by
-//! one, from any thread) or a stream (decoded once, front to back). All give samples of one type, x
-//! fastest.
+//! one, from any thread) or a stream (decoded once, front to back); or it stands for another source,
+//! enlarged. All give samples of one type, x fastest.
 
 mod ascii;
 mod data_files;
@@ -41,10 +41,13 @@ pub(crate) use stream::{StreamCoding, StreamPlace, VoxelStream};
 pub use tiff::{TiffError, TiffPlace};
 pub use voxels::StoredFormat;
 
+use crate::error::PreprocessError;
+use crate::upscale::{Enlarged, SlabLimits, Upscale};
 use format::Format;
 use memmap2::Mmap;
 use octree_store::{Geometry, LengthUnit, Region, SampleType, SourceDescription};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A volume in a file: what it is, and where its voxels are.
 #[derive(Debug)]
@@ -78,6 +81,8 @@ enum Place {
     Stream(StreamPlace),
     /// In slices of their own.
     Slices(Box<dyn SliceFiles>),
+    /// Nowhere: they are computed from another source's.
+    Enlarged(Box<Enlarged>),
 }
 
 /// What opening a file found; a [`Source`] is the whole of it.
@@ -142,6 +147,75 @@ impl Source {
         format.open(path, options)
     }
 
+    /// A source whose voxels are those of `source`, enlarged to `dims_xyz`.
+    pub(crate) fn standing_for(source: Self, dims_xyz: [u64; 3], upscale: Upscale) -> Self {
+        let format =
+            StoredFormat { stored: source.sample_type(), big_endian: false, scaling: None };
+        Self {
+            dims_xyz,
+            spacing_xyz: source.spacing_xyz,
+            unit: source.unit,
+            affine: source.affine,
+            description: source.description.clone(),
+            notes: source.notes.clone(),
+            files: source.files.clone(),
+            format,
+            file_dims_xyz: dims_xyz,
+            region: Region::whole(dims_xyz),
+            place: Place::Enlarged(Box::new(Enlarged {
+                source,
+                upscale,
+                limits: SlabLimits::default(),
+                clamped: AtomicU64::new(0),
+            })),
+        }
+    }
+
+    /// What this source stands for, if it is enlarged.
+    pub(crate) fn enlarged(&self) -> Option<&Enlarged> {
+        match &self.place {
+            Place::Enlarged(enlarged) => Some(enlarged),
+            Place::Mapped { .. } | Place::Stream(_) | Place::Slices(_) => None,
+        }
+    }
+
+    /// The source whose voxels are in files: this one, or the one that is enlarged.
+    pub(crate) fn in_files(&self) -> &Self {
+        self.enlarged().map_or(self, |enlarged| enlarged.source.in_files())
+    }
+
+    /// How it is enlarged, if it is.
+    pub fn upscaling(&self) -> Option<Upscale> {
+        self.enlarged().map(|enlarged| enlarged.upscale)
+    }
+
+    /// Bounds the threads that compute an enlarged source's slices, and the own memory that writing
+    /// them to a file takes; fewer threads are used where memory is too small for so many.
+    ///
+    /// # Errors
+    /// When the budget is too small for one slice at a time.
+    pub fn limit_slices(
+        &mut self,
+        threads: usize,
+        memory_bytes: u64,
+    ) -> Result<(), PreprocessError> {
+        if let Place::Enlarged(enlarged) = &mut self.place {
+            enlarged.limits = SlabLimits::within(enlarged, threads, memory_bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Of the slices of an enlarged source that were last read, the voxels whose values had to be clamped
+    /// to the range of the sample type.
+    pub fn clamped_voxels(&self) -> Option<u64> {
+        self.enlarged().map(|enlarged| enlarged.clamped.load(Ordering::Relaxed))
+    }
+
+    /// Where the region begins in the file.
+    pub(crate) fn origin_xyz(&self) -> [u64; 3] {
+        self.region.min
+    }
+
     /// The type that a reader gets.
     pub fn sample_type(&self) -> SampleType {
         self.format.sample_type()
@@ -162,8 +236,11 @@ impl Source {
     /// Keeps a region of the volume; the affine moves so that world positions stay.
     ///
     /// # Errors
-    /// When the region is empty or leaves the volume.
+    /// When the region is empty or leaves the volume, or the source is enlarged already.
     pub fn crop(mut self, region: Region) -> Result<Self, SourceError> {
+        if self.enlarged().is_some() {
+            return Err(SourceError::EnlargedRegion { path: self.description.path.into() });
+        }
         if !region.lies_within(self.dims_xyz) {
             let Region { min, max } = region;
             return Err(SourceError::Region { min, max, dims_xyz: self.dims_xyz });
@@ -210,6 +287,7 @@ impl Source {
             Place::Stream(place) if place.coding == StreamCoding::Bzip2 => Some(slice + (1 << 22)),
             Place::Stream(_) => Some(slice + (1 << 18)),
             Place::Slices(files) => Some(slice + files.decode_bytes()),
+            Place::Enlarged(enlarged) => enlarged.source.decode_bytes(),
         }
     }
 }

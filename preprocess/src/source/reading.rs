@@ -3,6 +3,7 @@
 //! All cut the region of interest out of what the file has, and turn stored samples into a reader's.
 
 use super::{Place, SliceFiles, Source, SourceError, VoxelStream};
+use crate::upscale::EnlargedSlices;
 use octree_store::Sample;
 
 impl Source {
@@ -12,7 +13,7 @@ impl Source {
             Place::Mapped { map, offset } => {
                 Some(MappedVoxels { source: self, bytes: &map[*offset as usize..] })
             }
-            Place::Stream(_) | Place::Slices(_) => None,
+            Place::Stream(_) | Place::Slices(_) | Place::Enlarged(_) => None,
         }
     }
 
@@ -20,7 +21,7 @@ impl Source {
     pub(crate) fn slice_files(&self) -> Option<SliceVoxels<'_>> {
         match &self.place {
             Place::Slices(files) => Some(SliceVoxels { source: self, files: files.as_ref() }),
-            Place::Mapped { .. } | Place::Stream(_) => None,
+            Place::Mapped { .. } | Place::Stream(_) | Place::Enlarged(_) => None,
         }
     }
 
@@ -35,9 +36,10 @@ impl Source {
                 stream.skip(place.offset + self.region.min[2] * self.file_slice_bytes())?;
                 Some(stream)
             }
-            Place::Mapped { .. } | Place::Slices(_) => None,
+            Place::Mapped { .. } | Place::Slices(_) | Place::Enlarged(_) => None,
         };
-        Ok(Slices { source: self, stream, bytes: Vec::new(), next_z: 0 })
+        let enlarged = self.enlarged().map(EnlargedSlices::new).transpose()?.map(Box::new);
+        Ok(Slices { source: self, stream, enlarged, bytes: Vec::new(), next_z: 0 })
     }
 
     /// Turns a decoded slice of the file into a slice of the region.
@@ -128,6 +130,7 @@ impl MappedVoxels<'_> {
 pub struct Slices<'a> {
     source: &'a Source,
     stream: Option<VoxelStream>,
+    enlarged: Option<Box<EnlargedSlices<'a>>>,
     bytes: Vec<u8>,
     next_z: u64,
 }
@@ -157,7 +160,9 @@ impl Slices<'_> {
         let Source { dims_xyz, region, file_dims_xyz, .. } = self.source;
         assert!(self.next_z < dims_xyz[2]);
         assert_eq!(slice.len() as u64, dims_xyz[0] * dims_xyz[1]);
-        if let Some(stream) = &mut self.stream {
+        if let Some(enlarged) = &mut self.enlarged {
+            enlarged.next(slice)?;
+        } else if let Some(stream) = &mut self.stream {
             self.source.fill_slice(slice, &mut self.bytes, |bytes| stream.read(bytes))?;
             let last = self.next_z + 1 == dims_xyz[2] && region.max[2] == file_dims_xyz[2];
             if last && matches!(&self.source.place, Place::Stream(p) if p.ends_with_volume) {

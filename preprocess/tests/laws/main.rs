@@ -11,4 +11,7 @@ mod ranges;
 mod resume;
 mod samples;
 mod support;
+mod upscale;
+mod upscale_detail;
+mod upscale_stores;
 mod values;

@@ -4,8 +4,8 @@
 //! line of JSON for each input (schema `octavo.batch/1`).
 
 use super::report::Report;
-use super::show::print_plan;
-use super::{Convert, Job};
+use super::show::{PlanJson, print_plan};
+use super::{Convert, Job, warn_of_space};
 use crate::commands::{human_bytes, print_json, print_notes, write_whole};
 use crate::exit::{Answer, code_of_error, message};
 use crate::progress::{Bar, stopped};
@@ -164,8 +164,11 @@ fn plan(arguments: &Convert, jobs: &[Job], options: &ConvertOptions) -> anyhow::
             .open(job)
             .and_then(|source| ConversionPlan::new(&source, &job.output, options));
         match plan {
-            Ok(plan) if arguments.json => print_json(&plan)?,
-            Ok(plan) => print_plan(&plan, &job.output)?,
+            Ok(plan) if arguments.json => print_json(&PlanJson::new(&plan, &job.output, options))?,
+            Ok(plan) => {
+                print_plan(&plan, &job.output)?;
+                warn_of_space(&plan, job, options);
+            }
             Err(error) => {
                 eprintln!("octavo: {error}");
                 answer = Answer::No;

@@ -4,7 +4,8 @@ mod batch;
 mod report;
 mod show;
 
-use super::{RawArgs, SeriesArgs, print_json, write_whole};
+use super::enlarge::{EnlargeArgs, factors};
+use super::{RawArgs, SeriesArgs, human_bytes, print_json, write_whole};
 use crate::exit::Answer;
 use crate::parse;
 use crate::progress::Bar;
@@ -13,7 +14,7 @@ use octree_store::{DownsampleFilter, Effort, Encoding, LengthUnit, OverlapAtRest
 use preprocess::PreprocessError;
 use preprocess::{ConversionPlan, ConvertOptions, Source, Start, convert};
 use report::Report;
-use show::{print_plan, print_summary};
+use show::{PlanJson, print_plan, print_summary};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -29,6 +30,7 @@ use std::path::{Path, PathBuf};
     octavo convert scan.raw --dims 512,512,300 --dtype u16 --big-endian --empty-below 6400\n  \
     octavo convert scan.nii --resume\n  \
     octavo convert scans/*.nii.gz -o stores --jobs 2 --json\n  \
+    octavo convert scan.nii --upscale 4 --detail 0.5 --seed 7 --empty-below 6400\n  \
     octavo convert scan.nii --plan")]
 #[allow(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub(super) struct Convert {
@@ -82,6 +84,12 @@ pub(super) struct Convert {
     /// Convert a part: half-open, in voxels
     #[arg(long, value_name = "x0:x1,y0:y1,z0:z1", value_parser = parse::region)]
     roi: Option<Region>,
+    /// Convert the volume enlarged so many times along every axis, without ever storing it; a region is
+    /// cut out first
+    #[arg(long, value_name = "F", value_parser = factors())]
+    upscale: Option<u32>,
+    #[command(flatten)]
+    enlarge: EnlargeArgs,
     /// Value that takes the place of NaN
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     nan_value: Option<f64>,
@@ -142,6 +150,9 @@ enum DownsampleName {
 
 impl Convert {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
+        if self.upscale.is_none() && self.enlarge.any() {
+            anyhow::bail!("--kernel, --detail and --seed say how to enlarge: give --upscale too");
+        }
         let jobs = self.jobs()?;
         match jobs.as_slice() {
             [job] if self.list.is_none() => self.one(job),
@@ -197,7 +208,10 @@ impl Convert {
             source.set_spacing(spacing);
         }
         source.unit = self.unit.unwrap_or(source.unit);
-        Ok(source)
+        match self.upscale {
+            Some(factor) => Ok(source.upscale(self.enlarge.upscale(factor)?)?),
+            None => Ok(source),
+        }
     }
 
     /// Converts the only input.
@@ -208,13 +222,15 @@ impl Convert {
         let plan = ConversionPlan::new(&source, &job.output, &options)?;
         if self.plan {
             if self.json {
-                print_json(&plan)?;
+                print_json(&PlanJson::new(&plan, &job.output, &options))?;
             } else {
                 print_plan(&plan, &job.output)?;
             }
+            warn_of_space(&plan, job, &options);
             return Ok(Answer::Done);
         }
         self.check_report(std::slice::from_ref(job))?;
+        warn_of_space(&plan, job, &options);
         let bar = Bar::new("converting", plan.bricks);
         let done = convert(&source, &job.output, &options, &bar);
         bar.finish();
@@ -290,6 +306,18 @@ impl Convert {
                 _ => Start::Fresh,
             },
         }
+    }
+}
+
+/// Says so where the disk may turn out too small: not all that is reserved need be used.
+fn warn_of_space(plan: &ConversionPlan, job: &Job, options: &ConvertOptions) {
+    if let Some((needed, free)) = plan.disk_space(&job.output, options).short {
+        eprintln!(
+            "octavo: {}: the disk has {} free, and up to {} may be needed",
+            job.output.display(),
+            human_bytes(free),
+            human_bytes(needed)
+        );
     }
 }
 

@@ -20,6 +20,9 @@ pub(super) struct Report<'a> {
     peak_memory_bytes: Option<u64>,
     predicted_memory_bytes: u64,
     resumed_bricks: u64,
+    /// Of an enlarged source.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clamped_voxels: Option<u64>,
 }
 
 impl<'a> Report<'a> {
@@ -37,6 +40,7 @@ impl<'a> Report<'a> {
             peak_memory_bytes: done.peak_memory_bytes,
             predicted_memory_bytes: done.plan.predicted_memory_bytes,
             resumed_bricks: done.resumed_bricks,
+            clamped_voxels: done.clamped_voxels,
         }
     }
 }

@@ -3,9 +3,30 @@
 use crate::commands::info::{dropped_line, error_line, overlap_line};
 use crate::commands::{by, human_bytes};
 use crate::info_json::bits_per_voxel;
-use preprocess::{Conversion, ConversionPlan};
+use indicatif::HumanDuration;
+use preprocess::{Conversion, ConversionPlan, ConvertOptions, DiskSpace};
+use serde::Serialize;
 use std::io::{self, Write};
 use std::path::Path;
+
+/// A plan, and whether the disks have room for it.
+#[derive(Serialize)]
+pub(super) struct PlanJson<'a> {
+    #[serde(flatten)]
+    plan: &'a ConversionPlan,
+    #[serde(flatten)]
+    disk: DiskSpace,
+}
+
+impl<'a> PlanJson<'a> {
+    pub(super) fn new(plan: &'a ConversionPlan, output: &Path, options: &ConvertOptions) -> Self {
+        Self { plan, disk: plan.disk_space(output, options) }
+    }
+}
+
+fn human_secs(secs: f64) -> String {
+    HumanDuration(std::time::Duration::from_secs_f64(secs.max(1.0))).to_string()
+}
 
 pub(super) fn print_plan(plan: &ConversionPlan, output: &Path) -> io::Result<()> {
     let mut out = io::stdout().lock();
@@ -39,7 +60,12 @@ pub(super) fn print_plan(plan: &ConversionPlan, output: &Path) -> io::Result<()>
         plan.threads
     )?;
     writeln!(out, "scratch      {} at most", human_bytes(plan.scratch_bytes))?;
-    writeln!(out, "store        {} at most", human_bytes(plan.output_bytes_max))
+    writeln!(out, "store        {} at most", human_bytes(plan.output_bytes_max))?;
+    writeln!(
+        out,
+        "time         about {}, as the machine of bench/README.md works",
+        human_secs(plan.estimated_secs)
+    )
 }
 
 pub(super) fn print_summary(done: &Conversion, input: &Path, output: &Path) -> io::Result<()> {
@@ -77,6 +103,9 @@ pub(super) fn print_summary(done: &Conversion, input: &Path, output: &Path) -> i
     }
     if metadata.dropped_voxels > 0 {
         writeln!(out, "  {}", dropped_line(metadata))?;
+    }
+    if let Some(clamped) = done.clamped_voxels {
+        writeln!(out, "  enlarged; {clamped} voxels clamped to the type's range")?;
     }
     if done.resumed_bricks > 0 {
         writeln!(out, "  {} bricks were there from an earlier run", done.resumed_bricks)?;
