@@ -290,7 +290,7 @@ pub fn convert(
         Ok(metadata) => metadata,
         Err(error) => return Err(kept_or_not(error.into(), true, &mut place)),
     };
-    place.finish().map_err(|error| kept(error, &mut place))?;
+    place.finish().map_err(|error| keep(error, &mut place))?;
     let file_bytes = std::fs::metadata(output)
         .map_err(|source| PreprocessError::Output { path: output.to_owned(), source })?
         .len();
@@ -319,10 +319,10 @@ fn describe_values(metadata: &mut Metadata, values: &VolumeValues) {
 
 /// Keeps what is durable where it is of use to one who resumes: the error says so then.
 fn kept_or_not(error: PreprocessError, durable: bool, place: &mut Output) -> PreprocessError {
-    if durable && error.is_environment() { kept(error, place) } else { error }
+    if durable && error.is_environment() { keep(error, place) } else { error }
 }
 
-fn kept(error: PreprocessError, place: &mut Output) -> PreprocessError {
+fn keep(error: PreprocessError, place: &mut Output) -> PreprocessError {
     place.keep();
     PreprocessError::Kept { path: place.partial.clone(), source: Box::new(error) }
 }

@@ -82,11 +82,11 @@ impl Output {
             file: lock(&partial)?,
             partial,
         };
-        let length = output.file.metadata().map_err(|source| output.at(&output.partial, source))?;
+        let length = output.file.metadata().map_err(|source| at(&output.partial, source))?;
         let begun = length.len() > 0;
         let work = [&output.partial, &output.index, &output.scratch];
         let left = work[usize::from(!begun)..].iter().find(|file| file.exists());
-        match (start, left.map(|file| file.to_path_buf())) {
+        match (start, left.map(|file| (*file).clone())) {
             // The store has its name already, and was ended before all else was gone.
             (Start::Resume, _) if path.exists() && !begun => {
                 output.remove_work()?;
@@ -94,7 +94,7 @@ impl Output {
             }
             (Start::Fresh, Some(left)) => {
                 if !begun {
-                    remove(&output.partial).map_err(|source| output.at(&left, source))?;
+                    remove(&output.partial).map_err(|source| at(&left, source))?;
                 }
                 return Err(PreprocessError::Unfinished { path: left });
             }
@@ -107,7 +107,7 @@ impl Output {
 
     /// The locked file of the store in the making.
     pub(super) fn file(&self) -> Result<File, PreprocessError> {
-        self.file.try_clone().map_err(|source| self.at(&self.partial, source))
+        self.file.try_clone().map_err(|source| at(&self.partial, source))
     }
 
     /// Empties what earlier work has left; from now on the files are ours.
@@ -115,21 +115,17 @@ impl Output {
         self.resumes = false;
         self.made = true;
         for file in [&self.index, &self.scratch] {
-            remove(file).map_err(|source| self.at(file, source))?;
+            remove(file).map_err(|source| at(file, source))?;
         }
-        self.file.set_len(0).map_err(|source| self.at(&self.partial, source))
+        self.file.set_len(0).map_err(|source| at(&self.partial, source))
     }
 
     fn remove_work(&self) -> Result<(), PreprocessError> {
         // The lock's file goes last: who takes the output then finds nothing else.
         for file in [&self.index, &self.scratch, &self.partial] {
-            remove(file).map_err(|source| self.at(file, source))?;
+            remove(file).map_err(|source| at(file, source))?;
         }
         Ok(())
-    }
-
-    fn at(&self, file: &Path, source: io::Error) -> PreprocessError {
-        PreprocessError::Output { path: file.to_owned(), source }
     }
 
     /// Says that the files stay for one who resumes.
@@ -171,21 +167,25 @@ impl Output {
             fs::rename(&self.partial, &self.path)?;
             File::open(folder_of(&self.path))?.sync_all()
         };
-        rename().map_err(|source| self.at(&self.path, source))?;
+        rename().map_err(|source| at(&self.path, source))?;
         self.made = false;
         // With its name the store has left the lock to others, whose files may have the same names.
         for (file, ours) in [&self.index, &self.scratch].into_iter().zip(ours) {
             if ours.is_some() && identity(file) == ours {
-                remove(file).map_err(|source| self.at(file, source))?;
+                remove(file).map_err(|source| at(file, source))?;
             }
         }
         Ok(())
     }
 }
 
+fn at(file: &Path, source: io::Error) -> PreprocessError {
+    PreprocessError::Output { path: file.to_owned(), source }
+}
+
 /// Opens or makes a file and locks it, unless another process has it.
 fn lock(path: &Path) -> Result<File, PreprocessError> {
-    let io = |source| PreprocessError::Output { path: path.to_owned(), source };
+    let io = |source| at(path, source);
     loop {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);

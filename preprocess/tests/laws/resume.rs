@@ -302,8 +302,8 @@ fn damaged_work_is_not_gone_on_with() {
         fs::write(path, bytes).unwrap();
     };
     let bench = Bench::raw();
-    let [scratch, partial, index] = ["scratch", "partial", "index"]
-        .map(|end| bench.output().with_extension(format!("octavo.{end}")));
+    let [scratch, partial] =
+        ["scratch", "partial"].map(|end| bench.output().with_extension(format!("octavo.{end}")));
     bench.convert(&options(Start::Fresh), &EndAfter::octets(60, false)).unwrap_err();
 
     change(&scratch, &|bytes| bytes.iter_mut().for_each(|byte| *byte ^= 1));
