@@ -140,7 +140,7 @@ impl Output {
             let mut options = OpenOptions::new();
             options.read(true).write(true).create_new(!self.resumes);
             let file = options.open(&self.scratch)?;
-            if !self.resumes {
+            if !self.resumes && bytes > 0 {
                 take_blocks(&file, bytes)?;
             }
             let length = file.metadata()?.len();
@@ -256,7 +256,12 @@ mod tests {
         let path = folder.path().join("a.octavo");
         let output = prepare(&path, Start::Fresh).unwrap();
         fs::write(&output.partial, "half").unwrap();
-        assert_eq!(output.open_scratch(100).unwrap().metadata().unwrap().len(), 100);
+        for bytes in [0, 100] {
+            let scratch = output.open_scratch(bytes).unwrap();
+            assert_eq!(scratch.metadata().unwrap().len(), bytes);
+            fs::remove_file(&output.scratch).unwrap();
+        }
+        output.open_scratch(100).unwrap();
         drop(output);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
