@@ -29,7 +29,7 @@ use twox_hash::XxHash3_64;
 pub(crate) trait Visitor<T>: Sync {
     /// What comes of a brick.
     type Output: Send;
-    /// What a thread keeps from brick to brick.
+    /// What is kept from brick to brick.
     type Scratch: Default + Send;
 
     /// Visits a brick: all its samples, and where its in-volume core is. What it changes at
@@ -135,7 +135,8 @@ impl<B> Buffers<B> {
 /// ahead.
 pub(crate) fn stream_window_chunks(geometry: &Geometry, chunk: u64) -> u64 {
     let slices = 2 * u64::from(geometry.core() + geometry.overlap());
-    slices.min(geometry.dims_xyz()[2]).div_ceil(chunk) + 2
+    let depth = geometry.dims_xyz()[2];
+    (slices.min(depth).div_ceil(chunk) + 2).min(depth.div_ceil(chunk))
 }
 
 /// Chunks, of a core's slices each, that the window of a level above 0 holds at most: two to be
@@ -169,7 +170,7 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         Ok(LevelState { window, next_row: 0 })
     });
     let mut levels = levels.collect::<Result<Vec<_>, _>>().map_err(PreprocessError::Scratch)?;
-    let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
+    let scratches = Mutex::default();
     let WalkOptions { octets_ahead, downsample, .. } = *options;
     let walker = Walker { geometry, pool, visitor, octets_ahead, downsample, payloads, scratches };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
@@ -240,12 +241,12 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     octets_ahead: usize,
     downsample: DownsampleFilter,
     payloads: &'a Buffers<u8>,
-    /// One for each thread of the pool.
-    scratches: Vec<Mutex<ThreadScratch<T, V::Scratch>>>,
+    /// Those that no octet is made with now: there are as many as octets are made at once.
+    scratches: Mutex<Vec<OctetScratch<T, V::Scratch>>>,
 }
 
-/// What a thread keeps from brick to brick.
-struct ThreadScratch<T, S> {
+/// What is kept from octet to octet.
+struct OctetScratch<T, S> {
     /// The bricks of an octet.
     bricks: Vec<T>,
     coarse: Vec<T>,
@@ -254,7 +255,7 @@ struct ThreadScratch<T, S> {
     visitor: S,
 }
 
-impl<T, S: Default> Default for ThreadScratch<T, S> {
+impl<T, S: Default> Default for OctetScratch<T, S> {
     fn default() -> Self {
         Self { bricks: Vec::new(), coarse: Vec::new(), block: Vec::new(), visitor: S::default() }
     }
@@ -361,17 +362,19 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         })
     }
 
-    /// Visits an octet with the thread's own scratch; a panic becomes an error.
+    /// Visits an octet with scratch that no other has now; a panic becomes an error.
     fn visit(
         &self,
         rows: &impl Rows<T>,
         parent: NodeKey,
         chunk: Option<&ChunkWriter>,
     ) -> Result<Octet<V::Output>, PreprocessError> {
-        let thread = rayon::current_thread_index().unwrap_or(0);
+        let scratches = || self.scratches.lock().unwrap_or_else(PoisonError::into_inner);
         let visit = || {
-            let mut scratch = self.scratches[thread].lock().unwrap_or_else(PoisonError::into_inner);
-            self.visit_octet(rows, parent, chunk, &mut scratch)
+            let mut scratch = scratches().pop().unwrap_or_default();
+            let octet = self.visit_octet(rows, parent, chunk, &mut scratch);
+            scratches().push(scratch);
+            octet
         };
         panic::catch_unwind(AssertUnwindSafe(visit)).unwrap_or(Err(PANIC))
     }
@@ -382,7 +385,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         rows: &impl Rows<T>,
         parent: NodeKey,
         chunk: Option<&ChunkWriter>,
-        scratch: &mut ThreadScratch<T, V::Scratch>,
+        scratch: &mut OctetScratch<T, V::Scratch>,
     ) -> Result<Octet<V::Output>, PreprocessError> {
         let geometry = self.geometry;
         let side = geometry.core() as usize;
@@ -396,7 +399,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
             block_checksum: 0,
         };
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-            let ThreadScratch { bricks, coarse, block, visitor } = scratch;
+            let OctetScratch { bricks, coarse, block, visitor } = scratch;
             let brick = &mut bricks[key.octant() * samples..][..samples];
             if !at_once {
                 gather(rows, geometry, key, brick);
