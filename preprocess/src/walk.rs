@@ -9,6 +9,9 @@
 //! A walk can skip the octets that an earlier one has done: it then goes the same way without
 //! touching any voxel, and finds in the windows' slots what the earlier one left there.
 
+#[cfg(test)]
+mod tests;
+
 use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
@@ -18,7 +21,7 @@ use crate::source::Source;
 use crate::window::{Window, WindowPlace};
 use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::sync_channel;
@@ -170,7 +173,8 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         Ok(LevelState { window, next_row: 0 })
     });
     let mut levels = levels.collect::<Result<Vec<_>, _>>().map_err(PreprocessError::Scratch)?;
-    let scratches = Mutex::default();
+    let makers = octets_in_row(geometry, 0).min(pool.current_num_threads() as u64);
+    let scratches = Mutex::new((0..makers).map(|_| OctetScratch::default()).collect());
     let WalkOptions { octets_ahead, downsample, .. } = *options;
     let walker = Walker { geometry, pool, visitor, octets_ahead, downsample, payloads, scratches };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
@@ -241,8 +245,9 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     octets_ahead: usize,
     downsample: DownsampleFilter,
     payloads: &'a Buffers<u8>,
-    /// Those that no octet is made with now: there are as many as octets are made at once.
-    scratches: Mutex<Vec<OctetScratch<T, V::Scratch>>>,
+    /// Those that no octet is made with now, of as many as octets are made at once. They are used in turn, so
+    /// that a busy machine takes what is planned, as an idle one does.
+    scratches: Mutex<VecDeque<OctetScratch<T, V::Scratch>>>,
 }
 
 /// What is kept from octet to octet.
@@ -371,9 +376,9 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
     ) -> Result<Octet<V::Output>, PreprocessError> {
         let scratches = || self.scratches.lock().unwrap_or_else(PoisonError::into_inner);
         let visit = || {
-            let mut scratch = scratches().pop().unwrap_or_default();
+            let mut scratch = scratches().pop_front().unwrap_or_default();
             let octet = self.visit_octet(rows, parent, chunk, &mut scratch);
-            scratches().push(scratch);
+            scratches().push_back(scratch);
             octet
         };
         panic::catch_unwind(AssertUnwindSafe(visit)).unwrap_or(Err(PANIC))
