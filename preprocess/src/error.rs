@@ -82,8 +82,7 @@ pub enum PreprocessError {
         source: Box<PreprocessError>,
     },
     /// The scratch file cannot be made or used.
-    #[error("{}: scratch space: {source}: free some of the disk, or give --scratch another folder",
-        path.display())]
+    #[error("{}: scratch space: {source}{}", path.display(), scratch_advice(source))]
     ScratchFile {
         /// The file.
         path: PathBuf,
@@ -91,7 +90,7 @@ pub enum PreprocessError {
         source: io::Error,
     },
     /// Scratch space could not be had.
-    #[error("scratch space: {0}: free some of the disk, or give --scratch another folder")]
+    #[error("scratch space: {}{}", .0, scratch_advice(.0))]
     Scratch(#[source] io::Error),
     /// The memory budget is too small for this volume.
     #[error("--memory {budget} is too small: this conversion needs at least {needed} bytes; give \
@@ -155,6 +154,27 @@ pub enum PreprocessError {
     Cancelled,
 }
 
+/// What to do where scratch space cannot be had or used.
+fn scratch_advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            ": free some of the disk, or give --scratch another folder"
+        }
+        io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
+            ": make the folder writable, or choose another one by -o or --scratch"
+        }
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => {
+            ": make the folder, or give --scratch another one"
+        }
+        io::ErrorKind::AlreadyExists => {
+            ": another run made it, or is making it now: wait for that one, or take the file away"
+        }
+        // What an earlier run has left is not what it was.
+        io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => ": give --force to start anew",
+        _ => "",
+    }
+}
+
 impl PreprocessError {
     /// Whether the environment failed (disk, memory, threads), rather than the input or the options.
     pub fn is_environment(&self) -> bool {
@@ -171,6 +191,33 @@ impl PreprocessError {
             | Self::Busy { .. }
             | Self::Cancelled => true,
             _ => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_on_scratch_space_fits_what_is_wrong() {
+        for (kind, word) in [
+            (io::ErrorKind::StorageFull, "free some of the disk"),
+            (io::ErrorKind::QuotaExceeded, "free some of the disk"),
+            (io::ErrorKind::PermissionDenied, "make the folder writable"),
+            (io::ErrorKind::ReadOnlyFilesystem, "make the folder writable"),
+            (io::ErrorKind::NotFound, "make the folder, or"),
+            (io::ErrorKind::AlreadyExists, "take the file away"),
+            (io::ErrorKind::InvalidData, "--force"),
+            (io::ErrorKind::UnexpectedEof, "--force"),
+            (io::ErrorKind::TimedOut, "scratch space: "),
+        ] {
+            let full = matches!(kind, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded);
+            let file = PreprocessError::ScratchFile { path: "a".into(), source: kind.into() };
+            for said in [file.to_string(), PreprocessError::Scratch(kind.into()).to_string()] {
+                assert!(said.contains(word), "{said}");
+                assert_eq!(said.contains("free "), full, "{said}");
+            }
         }
     }
 }

@@ -9,6 +9,9 @@
 //! A walk can skip the octets that an earlier one has done: it then goes the same way without
 //! touching any voxel, and finds in the windows' slots what the earlier one left there.
 
+#[cfg(test)]
+mod tests;
+
 use crate::decode::Decoder;
 use crate::downsample::{Core, StepDeviation, downsample, step_deviation};
 use crate::error::PreprocessError;
@@ -19,7 +22,7 @@ use crate::upscale::Upscaler;
 use crate::window::{Window, WindowPlace};
 use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::sync_channel;
@@ -30,7 +33,7 @@ use twox_hash::XxHash3_64;
 pub(crate) trait Visitor<T>: Sync {
     /// What comes of a brick.
     type Output: Send;
-    /// What a thread keeps from brick to brick.
+    /// What is kept from brick to brick.
     type Scratch: Default + Send;
 
     /// Visits a brick: all its samples, and where its in-volume core is. What it changes at
@@ -140,7 +143,11 @@ impl<B> Buffers<B> {
 /// ahead.
 pub(crate) fn stream_window_chunks(source: &Source, geometry: &Geometry, chunk: u64) -> u64 {
     let slices = (2 * u64::from(geometry.core() + geometry.overlap())).min(geometry.dims_xyz()[2]);
-    source.enlarged().map_or(slices, |enlarged| enlarged.window_slices(slices)).div_ceil(chunk) + 2
+    let (slices, depth) = match source.enlarged() {
+        Some(enlarged) => (enlarged.window_slices(slices), enlarged.source.dims_xyz[2]),
+        None => (slices, source.dims_xyz[2]),
+    };
+    (slices.div_ceil(chunk) + 2).min(depth.div_ceil(chunk))
 }
 
 /// Chunks, of a core's slices each, that the window of a level above 0 holds at most: two to be
@@ -174,7 +181,8 @@ pub(crate) fn walk<T: Sample, V: Visitor<T>>(
         Ok(LevelState { window, next_row: 0 })
     });
     let mut levels = levels.collect::<Result<Vec<_>, _>>().map_err(PreprocessError::Scratch)?;
-    let scratches = (0..pool.current_num_threads()).map(|_| Mutex::default()).collect();
+    let makers = octets_in_row(geometry, 0).min(pool.current_num_threads() as u64);
+    let scratches = Mutex::new((0..makers).map(|_| OctetScratch::default()).collect());
     let WalkOptions { octets_ahead, downsample, .. } = *options;
     let walker = Walker { geometry, pool, visitor, octets_ahead, downsample, payloads, scratches };
     let mut course = Course { done: 0, skip: earlier.octets, sink };
@@ -261,12 +269,13 @@ struct Walker<'a, T: Sample, V: Visitor<T>> {
     octets_ahead: usize,
     downsample: DownsampleFilter,
     payloads: &'a Buffers<u8>,
-    /// One for each thread of the pool.
-    scratches: Vec<Mutex<ThreadScratch<T, V::Scratch>>>,
+    /// Those that no octet is made with now, of as many as octets are made at once. They are used in turn, so
+    /// that a busy machine takes what is planned, as an idle one does.
+    scratches: Mutex<VecDeque<OctetScratch<T, V::Scratch>>>,
 }
 
-/// What a thread keeps from brick to brick.
-struct ThreadScratch<T, S> {
+/// What is kept from octet to octet.
+struct OctetScratch<T, S> {
     /// The bricks of an octet.
     bricks: Vec<T>,
     coarse: Vec<T>,
@@ -275,7 +284,7 @@ struct ThreadScratch<T, S> {
     visitor: S,
 }
 
-impl<T, S: Default> Default for ThreadScratch<T, S> {
+impl<T, S: Default> Default for OctetScratch<T, S> {
     fn default() -> Self {
         Self { bricks: Vec::new(), coarse: Vec::new(), block: Vec::new(), visitor: S::default() }
     }
@@ -382,17 +391,19 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         })
     }
 
-    /// Visits an octet with the thread's own scratch; a panic becomes an error.
+    /// Visits an octet with scratch that no other has now; a panic becomes an error.
     fn visit(
         &self,
         rows: &impl Rows<T>,
         parent: NodeKey,
         chunk: Option<&ChunkWriter>,
     ) -> Result<Octet<V::Output>, PreprocessError> {
-        let thread = rayon::current_thread_index().unwrap_or(0);
+        let scratches = || self.scratches.lock().unwrap_or_else(PoisonError::into_inner);
         let visit = || {
-            let mut scratch = self.scratches[thread].lock().unwrap_or_else(PoisonError::into_inner);
-            self.visit_octet(rows, parent, chunk, &mut scratch)
+            let mut scratch = scratches().pop_front().unwrap_or_default();
+            let octet = self.visit_octet(rows, parent, chunk, &mut scratch);
+            scratches().push_back(scratch);
+            octet
         };
         panic::catch_unwind(AssertUnwindSafe(visit)).unwrap_or(Err(PANIC))
     }
@@ -403,7 +414,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
         rows: &impl Rows<T>,
         parent: NodeKey,
         chunk: Option<&ChunkWriter>,
-        scratch: &mut ThreadScratch<T, V::Scratch>,
+        scratch: &mut OctetScratch<T, V::Scratch>,
     ) -> Result<Octet<V::Output>, PreprocessError> {
         let geometry = self.geometry;
         let side = geometry.core() as usize;
@@ -418,7 +429,7 @@ impl<T: Sample, V: Visitor<T>> Walker<'_, T, V> {
             clamped: at_once.unwrap_or(0),
         };
         for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-            let ThreadScratch { bricks, coarse, block, visitor } = scratch;
+            let OctetScratch { bricks, coarse, block, visitor } = scratch;
             let brick = &mut bricks[key.octant() * samples..][..samples];
             if at_once.is_none() {
                 gather(rows, geometry, key, brick);

@@ -210,6 +210,27 @@ fn an_unreadable_file_is_named() {
 }
 
 #[test]
+fn a_folder_that_cannot_be_written_to_is_not_called_full() {
+    let bench = Bench::new();
+    bench.scan("a_40x33x20_u16.raw");
+    std::fs::create_dir(bench.path("shut")).unwrap();
+    std::fs::set_permissions(bench.path("shut"), std::fs::Permissions::from_mode(0o555)).unwrap();
+    let program = bench.path("octavo");
+    std::fs::copy(env!("CARGO_BIN_EXE_octavo"), &program).unwrap();
+    std::fs::set_permissions(bench.folder(), std::fs::Permissions::from_mode(0o777)).unwrap();
+    let mut command = Command::new(program);
+    command.args(["convert", "a_40x33x20_u16.raw", "-o", "shut/a.octavo"]);
+    command.current_dir(bench.folder());
+    // root may write everywhere, so root becomes nobody for this.
+    if std::fs::write(bench.path("shut/probe"), "").is_ok() {
+        command.uid(65534);
+    }
+    let words = String::from_utf8_lossy(&command.output().unwrap().stderr).into_owned();
+    assert!(words.contains("shut/a.octavo") && words.contains("ermission"), "{words}");
+    assert!(!words.contains("free "), "{words}");
+}
+
+#[test]
 fn a_full_disk_is_the_environments_fault_and_leaves_nothing() {
     let bench = Bench::new();
     let bytes: Vec<u8> =

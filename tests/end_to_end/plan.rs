@@ -1,6 +1,7 @@
 //! What `--plan` says of memory, held against what conversions use: never less than that, and at most a
 //! quarter more.
 
+use crate::readers::python;
 use crate::support::{Bench, sample};
 
 /// Below this much, what the system counts late and what the allocator rounds is more than a quarter.
@@ -62,4 +63,12 @@ fn memory_of_sources_that_are_decoded_is_predicted() {
     for name in ["tooth.nii.gz", "bone.nii.gz", "tiff-slices"] {
         assert_predicted(&bench, &sample(name));
     }
+}
+
+#[test]
+fn memory_of_packed_pages_and_of_few_slices_is_predicted() {
+    let bench = Bench::new();
+    python("packed.py", &[bench.folder().to_str().unwrap()]);
+    let files = ["strips.tif", "whole.tif", "large.tif", "tiles.tif", "zstd", "small", "dicom"];
+    files.iter().for_each(|file| assert_predicted(&bench, file));
 }

@@ -73,6 +73,10 @@ for order in "<>":
                              photometric="minisblack", metadata=None, **arrangement)
             assert np.array_equal(tifffile.imread(name), halves, equal_nan=True)
             expect(name, halves.astype("f4"))
+# A tile's row of halves as long as the slice's row of floats.
+name = out / "half-wide-tile.tif"
+tifffile.imwrite(name, halves[:, :, :8], tile=(16, 16), photometric="minisblack", metadata=None)
+expect(name, halves[:, :, :8].astype("f4"))
 # Tiles that are left out are zeros.
 for compression in [None, "zlib", "lzw"]:
     for left_out in [(2, 5), (1,), range(1, 6)]:
@@ -112,6 +116,15 @@ for order in "<>":
     name = out / f"plain-{'be' if order == '>' else 'le'}.tif"
     tifffile.imwrite(name, stack, byteorder=order, photometric="minisblack")
     expect(name, stack)
+
+# The last axes of a shape of tifffile's may be one sample of a pixel.
+for shape, voxels in [((7, 1, 1), (1, 7, 1)), ((33, 1, 1), (1, 33, 1)), ((5, 4, 1), (1, 5, 4)), ((7, 5, 4, 1), (7, 5, 4)),
+                      ((1, 7, 1, 1), (1, 1, 7)), ((7, 1, 5), (7, 1, 5)), ((1, 1, 7), (1, 1, 7))]:
+    array = np.arange(np.prod(shape)).reshape(shape).astype("u2")
+    name = out / f"shape-{'-'.join(map(str, shape))}.tif"
+    tifffile.imwrite(name, array, photometric="minisblack")
+    assert np.array_equal(tifffile.imread(name), array)
+    expect(name, array.reshape(voxels))
 
 # OME: every order of dimensions is in unit tests; here channels, times and units.
 name = out / "stack.ome.tif"

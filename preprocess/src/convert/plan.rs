@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 /// Memory of the program itself: its data, buffers of the allocator, redb without its cache.
 const BASE_BYTES: u64 = 896 << 10;
-/// What each thread takes beside its buffers: its stack, and its arena of the allocator.
+/// What each thread takes beside buffers: its stack, and its arena of the allocator.
 const THREAD_BYTES: u64 = 64 << 10;
 /// Octets that are ahead of the walk for each thread: in the making, or waiting for one before them.
 const AHEAD_PER_THREAD: u64 = 2;
@@ -265,14 +265,15 @@ fn divide_memory(
     };
     // Gathered samples, means, their parent's block, codes, what filters make of them, and room for
     // compression to fail in.
-    let thread_bytes =
-        THREAD_BYTES + 8 * brick + core / 8 + core + codes + filters + coded * 11 / 10 + zstd;
+    let maker_bytes = 8 * brick + core / 8 + core + codes + filters + coded * 11 / 10 + zstd;
+    let makers = threads.min(octets_in_row(geometry, 0));
     let octets = octets(geometry, threads) * (octet_payload_bytes(geometry, coded) + 8 * 512);
     // Rows of records that wait for their parents' bricks: two rows of octets a level.
     let [grid_x, grid_y, _] = geometry.grid_at(0);
     let pending = grid_x * grid_y * 96;
+    let depth = files.dims_xyz[2];
     let decoding = match source.decode_bytes() {
-        Some(bytes) if files.slice_files().is_some() => threads * bytes,
+        Some(bytes) if files.slice_files().is_some() => threads.min(depth) * bytes,
         bytes => bytes.unwrap_or(0),
     };
     let enlarging = source.upscaling().map_or(0, |upscale| {
@@ -287,7 +288,8 @@ fn divide_memory(
     let waiting = waiting as u64;
     let mut memory = BASE_BYTES
         + StoreWriter::memory_bytes(geometry.bricks(), waiting)
-        + threads * (thread_bytes + enlarging)
+        + threads * THREAD_BYTES
+        + makers * (maker_bytes + enlarging)
         + octets
         + pending
         + decoding;
@@ -300,20 +302,22 @@ fn divide_memory(
     let mut stream_place = WindowPlace::Memory;
     let stream_chunk =
         if files.slice_files().is_some() { STREAM_CHUNK.max(threads) } else { STREAM_CHUNK };
-    let all_chunks = files.dims_xyz[2].div_ceil(stream_chunk);
-    let stream_window_chunks = stream_window_chunks(source, geometry, stream_chunk);
+    let all_chunks = depth.div_ceil(stream_chunk);
+    let window_chunks = stream_window_chunks(source, geometry, stream_chunk);
     let ahead = source.upscaling().map_or(1, |upscale| u64::from(upscale.factor()));
     let stream_chunks_ahead = SLICES_AHEAD
         .div_ceil(ahead)
         .div_ceil(stream_chunk)
-        .min(all_chunks.saturating_sub(stream_window_chunks));
+        .min(all_chunks.saturating_sub(window_chunks));
     if source.decode_bytes().is_some() {
-        let chunk = chunk_bytes(files.dims_xyz, stream_chunk, sample_type);
-        let bytes = (stream_window_chunks + stream_chunks_ahead) * chunk;
+        let chunks = window_chunks + stream_chunks_ahead;
+        // Of the last chunk, memory for slices that it does not have is never touched.
+        let slices = (chunks * stream_chunk).min(depth);
+        let bytes = chunk_bytes(files.dims_xyz, slices, sample_type);
         if memory + bytes <= budget {
             memory += bytes;
         } else {
-            scratch = bytes;
+            scratch = chunks * chunk_bytes(files.dims_xyz, stream_chunk, sample_type);
             stream_place = WindowPlace::Unnamed(folder.to_owned());
         }
     }
@@ -323,7 +327,7 @@ fn divide_memory(
         layouts: layouts.to_vec(),
         stream_place,
         stream_chunk,
-        stream_window_chunks,
+        stream_window_chunks: window_chunks,
         stream_chunks_ahead,
     };
     Ok((walk, memory, scratch))
@@ -345,7 +349,7 @@ fn octet_payload_bytes(geometry: &Geometry, coded: u64) -> u64 {
     bricks * coded
 }
 
-/// Bytes of a window's chunk.
+/// Bytes of a window's chunk of so many slices.
 fn chunk_bytes(dims_xyz: [u64; 3], slices: u64, sample_type: SampleType) -> u64 {
     let samples = with_sample_type!(sample_type, T => Window::<T>::chunk_samples(dims_xyz, slices));
     samples * sample_type.bytes() as u64

@@ -61,7 +61,7 @@ impl Format {
                 start if meta_image::is_magic(start) => Self::MetaImage,
                 start if tiff::is_magic(start) => Self::Tiff,
                 start if stack::is_png_magic(start) => Self::Png,
-                _ if dicom::is_dicom(path) => Self::Dicom,
+                _ if dicom::is_dicom(path).unwrap_or(false) => Self::Dicom,
                 _ => Self::Raw,
             }
         }
@@ -93,7 +93,7 @@ impl Format {
             Self::Nifti => nifti::open(path, options),
             Self::Nrrd => nrrd::open(path, options),
             Self::MetaImage => meta_image::open(path, options),
-            Self::Dicom => dicom::open(vec![path.to_owned()], path, options),
+            Self::Dicom => dicom::open(vec![path.to_owned()], Vec::new(), path, options),
             Self::Tiff => tiff::open(path, options),
             Self::Png => stack::open_png(path, options),
             Self::Folder | Self::Pattern => stack::open(path, options),

@@ -85,6 +85,12 @@ enum Place {
     Enlarged(Box<Enlarged>),
 }
 
+/// What to tell the user of files that lie with those of a volume and are no part of it.
+fn left_out_note(files: &[PathBuf]) -> Option<String> {
+    let first = files.first()?.display();
+    Some(format!("other files are left out: {}, such as {first}", files.len()))
+}
+
 /// What opening a file found; a [`Source`] is the whole of it.
 #[derive(Debug)]
 struct Found {

@@ -122,6 +122,9 @@ impl<R: Read + Seek> Walk<R> {
     fn root(&mut self, found: &mut DataSet) -> Result<(), WalkError> {
         while self.at < self.length {
             let element = self.element()?;
+            if element.tag == 0 {
+                return Err(self.damaged("there are zeros where an element should be"));
+            }
             if element.tag == PIXEL_DATA {
                 let fragments = element.length == UNDEFINED;
                 found.pixels = Some(PixelData {

@@ -72,7 +72,8 @@ pub enum DicomError {
         list: String,
     },
     /// A slice that is unlike the first one.
-    #[error("its {what} is {found}, and that of {} is {expected}: they are no slices of one volume",
+    #[error("its {what} is {found}, and that of {} is {expected}: they are no slices of one volume; take \
+        away what does not belong to it, or choose its slices by a quoted pattern such as 'FOLDER/IM*'",
         first.display())]
     Differs {
         /// What differs.

@@ -39,7 +39,7 @@ pub(super) struct Frame {
     pub(super) rescale: (f64, f64),
 }
 
-/// Reads a file's attributes; `None` where it is DICOM but no image.
+/// Reads a file's attributes; `None` where it is DICOM but no image, as a report is.
 pub(super) fn read(path: &Path) -> Result<Option<Image>, SourceError> {
     let io_error = |source| SourceError::Io { path: path.to_owned(), source };
     let wrong = |source| SourceError::Dicom { path: path.to_owned(), source };
@@ -55,7 +55,8 @@ pub(super) fn read(path: &Path) -> Result<Option<Image>, SourceError> {
     let found = DataSet::read(&file, bytes).map_err(walk_error)?;
     let root = &found.root;
     let Some(pixel_data) = found.pixels else {
-        if root.has(tags::ROWS) {
+        // An image that was cut short or overwritten is no report.
+        if root.has(tags::ROWS) || !root.has(tags::SOP_CLASS) {
             return Err(wrong(DicomError::NoImage));
         }
         return Ok(None);

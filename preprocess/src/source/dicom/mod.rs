@@ -32,13 +32,10 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Whether a file is DICOM: by its magic, or by its name and first element.
-pub(super) fn is_dicom(path: &Path) -> bool {
-    if !path.is_file() {
-        return false;
-    }
-    let start = read_start(path, 132).unwrap_or_default();
-    data_set::is_magic(&start) || (is_name(path) && matches!(start[..], [2 | 8, 0, ..]))
+/// Whether a file says that it is DICOM, by its name or by its magic. One that is so named and is something
+/// else is refused when it is read, and not passed over: it may be a slice.
+pub(super) fn is_dicom(path: &Path) -> Result<bool, SourceError> {
+    Ok(is_name(path) || data_set::is_magic(&read_start(path, 132)?))
 }
 
 /// Whether a file's name ends in `.dcm`.
@@ -46,9 +43,11 @@ pub(super) fn is_name(path: &Path) -> bool {
     path.extension().is_some_and(|end| end.eq_ignore_ascii_case("dcm"))
 }
 
-/// Opens one series; `given` is what the user gave: a folder, or the one file.
+/// Opens one series; `given` is what the user gave: a folder, or the one file. `left_out` are files that lie
+/// with those of the series and are none.
 pub(super) fn open(
     paths: Vec<PathBuf>,
+    mut left_out: Vec<PathBuf>,
     given: &Path,
     options: &SourceOptions,
 ) -> Result<Source, SourceError> {
@@ -61,7 +60,10 @@ pub(super) fn open(
     }
     let mut images = Vec::new();
     for path in paths {
-        images.extend(image::read(&path)?);
+        match image::read(&path)? {
+            Some(image) => images.push(image),
+            None => left_out.push(path),
+        }
     }
     let chosen = choose_series(&mut images, options.series.as_deref())
         .map_err(|source| refused((PathBuf::new(), source)))?;
@@ -74,6 +76,7 @@ pub(super) fn open(
     Geometry::new(dims_xyz, 128, 0)
         .map_err(|source| SourceError::Geometry { path: given.to_owned(), source })?;
     notes.extend(chosen);
+    notes.extend(super::left_out_note(&left_out));
     if images.iter().any(|image| image.inverse) {
         notes.push(
             "its small values are meant to be bright (MONOCHROME1): values stay as stored".into(),

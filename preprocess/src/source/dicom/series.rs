@@ -226,12 +226,37 @@ fn same_plane(first: Placed<'_>, slice: Placed<'_>) -> Result<(), Refusal> {
     };
     let [a, b] = [first, slice].map(|slice| slice.frame.orientation);
     if !near(a.as_ref().map(|a| a.as_flattened()), b.as_ref().map(|b| b.as_flattened()), 1e-3) {
-        return differs("orientation", format!("{a:?}"), format!("{b:?}"));
+        return differs("orientation", orientation_shown(a), orientation_shown(b));
     }
     let [a, b] = [first, slice].map(|slice| slice.frame.spacing_xy);
     let part = a.map_or(0.0, |a| 1e-3 * a[0]);
     if !near(a.as_ref().map(|a| &a[..]), b.as_ref().map(|b| &b[..]), part) {
-        return differs("size of pixels", format!("{a:?}"), format!("{b:?}"));
+        let shown = |size: Option<[f64; 2]>| {
+            size.map_or("not said".to_owned(), |size| format!("{} mm", numbers_shown(&size, " x ")))
+        };
+        return differs("size of pixels", shown(a), shown(b));
     }
     Ok(())
+}
+
+/// An orientation in words: the plane by its name, and the directions along rows and columns.
+fn orientation_shown(orientation: Option<[[f64; 3]; 2]>) -> String {
+    let Some([x, y]) = orientation else { return "not said".to_owned() };
+    let normal = cross(x, y).map(f64::abs);
+    let along = |axis: usize| normal[axis] > 0.99 * length(normal);
+    let plane = match [along(0), along(1), along(2)] {
+        [true, ..] => "sagittal",
+        [_, true, _] => "coronal",
+        [.., true] => "axial",
+        _ => "oblique",
+    };
+    let [x, y] = [x, y].map(|direction| numbers_shown(&direction, ", "));
+    format!("{plane} (rows along {x}; columns along {y})")
+}
+
+/// Numbers to four places.
+fn numbers_shown(numbers: &[f64], between: &str) -> String {
+    // Zero is added so that none is shown as -0.
+    let shown = numbers.iter().map(|v| ((v * 1e4).round() / 1e4 + 0.0).to_string());
+    shown.collect::<Vec<_>>().join(between)
 }

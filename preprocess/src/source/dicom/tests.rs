@@ -109,8 +109,12 @@ fn folder(slices: &[Slice]) -> TempDir {
     folder
 }
 
+fn open(path: &Path) -> Result<Source, SourceError> {
+    Source::open(path, &SourceOptions::default())
+}
+
 fn open_folder(slices: &[Slice]) -> Result<Source, SourceError> {
-    Source::open(folder(slices).path(), &SourceOptions::default())
+    open(folder(slices).path())
 }
 
 fn refusal(slices: &[Slice]) -> DicomError {
@@ -213,6 +217,117 @@ fn what_is_no_grey_volume_is_refused() {
     assert!(matches!(refusal(&[jpeg_2000]), DicomError::TransferSyntax { .. }));
     let inverse = open_folder(&[Slice { photometric: "MONOCHROME1", ..Slice::new(1, 0.0) }]);
     assert!(inverse.unwrap().notes[0].contains("MONOCHROME1"));
+}
+
+#[test]
+fn a_slice_that_cannot_be_read_is_refused_by_name_and_not_dropped() {
+    let slices: Vec<_> = (0..9).map(|z| Slice::new(z, f64::from(z))).collect();
+    let folder = folder(&slices);
+    let last = folder.path().join("s001.dcm");
+    let whole = std::fs::read(&last).unwrap();
+    assert_eq!(open(folder.path()).unwrap().dims_xyz[2], 9);
+    let zeros_after = |keep: usize| {
+        let mut bytes = whole.clone();
+        bytes[keep..].fill(0);
+        bytes
+    };
+    let meta = Maker::default().text(0x0002_0010, *b"UI", "1.2.840.10008.1.2.1").0.len();
+    for (what, bytes) in [
+        ("empty", Vec::new()),
+        ("zeros", zeros_after(0)),
+        ("zeros after the magic", zeros_after(132)),
+        ("zeros after the first group", zeros_after(132 + meta)),
+        ("another file", b"a text that someone gave this name".to_vec()),
+        ("the magic alone", whole[..132].to_vec()),
+        ("the first group alone", whole[..132 + meta].to_vec()),
+    ] {
+        std::fs::write(&last, bytes).unwrap();
+        let error = open(folder.path()).unwrap_err().to_string();
+        assert!(error.contains("s001.dcm"), "{what}: {error}");
+    }
+    std::fs::remove_file(&last).unwrap();
+    std::os::unix::fs::symlink("nowhere", &last).unwrap();
+    for path in [folder.path().to_owned(), folder.path().join("s*.dcm")] {
+        let error = open(&path).unwrap_err();
+        assert!(matches!(&error, SourceError::Io { path, .. } if *path == last), "{error}");
+    }
+    // Under a name that says nothing, too: the link may be to a slice.
+    std::fs::rename(&last, folder.path().join("IM0001")).unwrap();
+    assert!(open(folder.path()).unwrap_err().to_string().contains("IM0001"));
+}
+
+#[test]
+fn files_that_are_no_slices_are_left_out_and_said_to_be() {
+    let folder = folder(&[Slice::new(1, 0.0), Slice::new(2, 1.0)]);
+    assert_eq!(open(folder.path()).unwrap().notes, [""; 0]);
+    // A report: DICOM without pixels.
+    let mut report = vec![0; 128];
+    report.extend_from_slice(b"DICM");
+    let meta = Maker::default().text(0x0002_0002, *b"UI", "1.2.840.10008.5.1.4.1.1.88.11").text(
+        0x0002_0010,
+        *b"UI",
+        "1.2.840.10008.1.2.1",
+    );
+    report.extend(meta.text(0x0020_000E, *b"UI", "1.2.3").0);
+    std::fs::write(folder.path().join("report.dcm"), report).unwrap();
+    std::fs::write(folder.path().join("readme.txt"), "a text").unwrap();
+    std::fs::write(folder.path().join("DICOMDIR"), "a list").unwrap();
+    let source = open(folder.path()).unwrap();
+    assert_eq!(source.dims_xyz[2], 2);
+    assert!(source.notes[0].contains("other files are left out: 2, such as"), "{:?}", source.notes);
+    assert!(source.notes[0].contains("readme.txt"), "{:?}", source.notes);
+}
+
+#[test]
+fn slices_among_pictures_are_refused_as_mixed() {
+    for name in ["slice.dcm", "IM0001"] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(name), Slice::new(1, 0.0).bytes()).unwrap();
+        std::fs::write(folder.path().join("preview.png"), b"\x89PNG\r\n\x1a\n").unwrap();
+        let error = open(folder.path()).unwrap_err().to_string();
+        for word in ["several kinds", name, "preview.png", "quoted pattern"] {
+            assert!(error.contains(word), "no '{word}' in: {error}");
+        }
+    }
+    // A list of slices is none.
+    let folder = folder(&[Slice::new(1, 0.0)]);
+    std::fs::rename(folder.path().join("s001.dcm"), folder.path().join("DICOMDIR")).unwrap();
+    std::fs::write(folder.path().join("a.png"), "").unwrap();
+    assert!(matches!(open(folder.path()), Err(SourceError::Png { .. })));
+}
+
+#[test]
+fn a_slice_of_another_orientation_is_told_in_words() {
+    let folder = folder(&[Slice::new(1, 0.0)]);
+    let mut scout = Slice::new(2, 1.0).bytes();
+    let axial = b"1\\0\\0\\0\\1\\0";
+    let place = scout.windows(axial.len()).position(|bytes| bytes == axial).unwrap();
+    scout[place..place + axial.len()].copy_from_slice(b"0\\1\\0\\0\\0\\1");
+    std::fs::write(folder.path().join("scout.dcm"), scout).unwrap();
+    let error = open(folder.path()).unwrap_err().to_string();
+    for word in [
+        "scout.dcm: its orientation is sagittal (rows along 0, 1, 0; columns along 0, 0, 1)",
+        "s001.dcm is axial (rows along 1, 0, 0; columns along 0, 1, 0)",
+        "take away",
+    ] {
+        assert!(error.contains(word), "no '{word}' in: {error}");
+    }
+}
+
+#[test]
+fn codings_that_are_not_read_are_named_with_the_file_and_what_to_do() {
+    for (syntax, words) in [
+        ("1.2.840.10008.1.2.4.90", ["JPEG 2000", "gdcmconv --raw"]),
+        ("1.2.840.10008.1.2.4.91", ["JPEG 2000", "gdcmconv --raw"]),
+        ("1.2.840.10008.1.2.4.80", ["JPEG-LS", "dcmdjpls"]),
+        ("1.2.840.10008.1.2.4.81", ["JPEG-LS", "dcmdjpls"]),
+        ("1.2.840.10008.1.2.1.99", ["deflated", "dcmconv +te"]),
+    ] {
+        let error = open_folder(&[Slice { syntax, ..Slice::new(1, 0.0) }]).unwrap_err().to_string();
+        for word in [&["s001.dcm: ", syntax, "decompress it first"][..], &words].concat() {
+            assert!(error.contains(word), "no '{word}' in: {error}");
+        }
+    }
 }
 
 #[test]

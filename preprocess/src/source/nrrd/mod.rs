@@ -133,11 +133,12 @@ fn numbered(
     };
     let name =
         NumberedName::parse(pattern).ok_or_else(|| wrong("a name with one number such as %03d"))?;
-    let span = last.checked_sub(first).ok_or_else(|| wrong("numbers of a sensible size"))?;
+    let sensible = || wrong("numbers of a sensible size");
+    let span = last.checked_sub(first).ok_or_else(sensible)?;
     if step == 0 || (span != 0 && (span < 0) != (step < 0)) {
         return Err(wrong("numbers from first to last in steps that lead there"));
     }
-    let steps = span / step;
+    let steps = span.checked_div(step).ok_or_else(sensible)?;
     check_count(path, header, steps as u64 + 1, subdim)?;
     (0..=steps).map(|i| data_files::beside(path, &name.name(first + i * step))).collect()
 }

@@ -44,6 +44,23 @@ fn every_version_up_to_5_is_read() {
 }
 
 #[test]
+fn numbers_of_files_at_the_ends_of_all_numbers_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nhdr");
+    for numbers in [
+        "0 -9223372036854775808 -1",
+        "-9223372036854775808 9223372036854775807 1",
+        "0 9223372036854775807 1",
+        "0 -9223372036854775808 -2",
+    ] {
+        std::fs::write(&path, format!("NRRD0005\n{SMALL}\ndata file: a%d.raw {numbers}\n"))
+            .unwrap();
+        let error = Source::open(&path, &SourceOptions::default()).unwrap_err();
+        assert!(error.to_string().contains("a.nhdr"), "{numbers}: {error}");
+    }
+}
+
+#[test]
 fn lines_may_end_as_windows_ends_them() {
     let text = format!("NRRD0004\n{SMALL}\n\nvoxels").replace('\n', "\r\n");
     let header = Header::parse(text.as_bytes()).unwrap();

@@ -35,7 +35,7 @@ pub enum StackError {
     },
     /// Slices of several kinds.
     #[error("it holds slices of several kinds, as {} and {}: choose one by a quoted pattern such as \
-        'FOLDER/*.tif'", first.display(), other.display())]
+        'FOLDER/*.tif' or 'FOLDER/*.dcm'", first.display(), other.display())]
     MixedKinds {
         /// A file.
         first: PathBuf,

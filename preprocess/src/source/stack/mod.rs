@@ -82,41 +82,32 @@ pub(super) fn open(path: &Path, options: &SourceOptions) -> Result<Source, Sourc
     let refuse = |source| SourceError::Stack { path: path.to_owned(), source };
     let found = if path.is_dir() { files_of_folder(path)? } else { files_of_pattern(path)? };
     let count = found.len();
-    // Pictures win: one that looks at them wants them.
-    if !found.iter().any(|file| SliceKind::of(file).is_some()) {
-        let is_image = |file: &&PathBuf| dicom::is_dicom(file) && !is_directory_file(file);
-        let mut series: Vec<_> = found.iter().filter(is_image).cloned().collect();
-        // Scanners and archives put each series into folders below.
-        if series.is_empty() && path.is_dir() {
-            series =
-                files_below(path, FOLDERS_DOWN)?.into_iter().filter(|f| is_image(&f)).collect();
-        }
+    let (slices, others): (Vec<_>, Vec<_>) =
+        found.into_iter().partition(|file| SliceKind::of(file).is_some());
+    let Some(kind) = slices.first().and_then(|first| SliceKind::of(first)) else {
+        let (series, left_out) = find_dicom(path, others)?;
         if !series.is_empty() {
-            return dicom::open(series, path, options);
+            return dicom::open(series, left_out, path, options);
         }
+        return Err(refuse(match &options.series {
+            Some(series) => StackError::NotDicom { series: series.clone() },
+            None if count == 0 && !path.is_dir() => StackError::NoMatch,
+            None => StackError::Empty { others: count },
+        }));
+    };
+    let mut other_slices = slices.iter().filter(|file| SliceKind::of(file) != Some(kind));
+    // What cannot be read is no slice unless its name says so.
+    let is_dicom = |file: &&PathBuf| dicom::is_dicom(file).unwrap_or(false);
+    let mut images = others.iter().filter(|file| !is_directory_file(file));
+    if let Some(other) = other_slices.next().or_else(|| images.find(is_dicom)) {
+        let (first, other) = (slices[0].clone(), other.clone());
+        return Err(refuse(StackError::MixedKinds { first, other }));
     }
     if let Some(series) = &options.series {
         return Err(refuse(StackError::NotDicom { series: series.clone() }));
     }
-    let (slices, others): (Vec<_>, Vec<_>) =
-        found.into_iter().partition(|file| SliceKind::of(file).is_some());
-    let Some(kind) = slices.first().and_then(|first| SliceKind::of(first)) else {
-        return Err(refuse(if count == 0 && !path.is_dir() {
-            StackError::NoMatch
-        } else {
-            StackError::Empty { others: others.len() }
-        }));
-    };
-    if let Some(other) = slices.iter().find(|file| SliceKind::of(file) != Some(kind)) {
-        let (first, other) = (slices[0].clone(), other.clone());
-        return Err(refuse(StackError::MixedKinds { first, other }));
-    }
     let files = series::arrange(slices, options.allow_gaps).map_err(refuse)?;
-    let mut notes = Vec::new();
-    if let Some(other) = others.first() {
-        let other = other.display();
-        notes.push(format!("other files are left out: {}, such as {other}", others.len()));
-    }
+    let notes = super::left_out_note(&others).into_iter().collect();
     open_files(path, kind, files, notes, options)
 }
 
@@ -131,6 +122,31 @@ const FOLDERS_DOWN: usize = 8;
 /// Whether a DICOM file only lists others.
 fn is_directory_file(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.eq_ignore_ascii_case("DICOMDIR"))
+}
+
+/// Tells the DICOM files among those of a folder or pattern from others. Scanners and archives put each series
+/// into folders below; these are searched where the folder itself has none.
+fn find_dicom(
+    path: &Path,
+    files: Vec<PathBuf>,
+) -> Result<(Vec<PathBuf>, Vec<PathBuf>), SourceError> {
+    let (mut series, mut others) = (Vec::new(), Vec::new());
+    let mut sort = |files: Vec<PathBuf>| -> Result<bool, SourceError> {
+        for file in files.into_iter().filter(|file| !is_directory_file(file)) {
+            let is_dicom = dicom::is_dicom(&file)?;
+            if is_dicom { &mut series } else { &mut others }.push(file);
+        }
+        Ok(series.is_empty())
+    };
+    if sort(files)? && path.is_dir() {
+        sort(files_below(path, FOLDERS_DOWN)?)?;
+    }
+    Ok((series, others))
+}
+
+/// Whether a path is to be looked at: a file, or what cannot be told, as a link that leads nowhere.
+fn may_be_file(path: &Path) -> bool {
+    !is_litter(path) && std::fs::metadata(path).map_or(true, |metadata| metadata.is_file())
 }
 
 /// The files of the folders below one; links to folders are not followed, which may lead round.
@@ -154,7 +170,7 @@ fn files_of_folder(folder: &Path) -> Result<Vec<PathBuf>, SourceError> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io_error)? {
         let path = entry.map_err(io_error)?.path();
-        if !is_litter(&path) && path.is_file() {
+        if may_be_file(&path) {
             files.push(path);
         }
     }
@@ -178,7 +194,7 @@ fn files_of_pattern(pattern: &Path) -> Result<Vec<PathBuf>, SourceError> {
             path: error.path().to_owned(),
             source: error.into(),
         })?;
-        if !is_litter(&path) && path.is_file() {
+        if may_be_file(&path) {
             files.push(path);
         }
     }

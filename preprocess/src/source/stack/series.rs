@@ -111,14 +111,14 @@ fn check(named: &[(Name, PathBuf)]) -> Result<(), StackError> {
         name.numbers[place].parse::<u128>().map_err(|_| no_series(path))
     };
     let numbers: Vec<u128> = named.iter().map(number).collect::<Result<_, _>>()?;
+    if let Some(i) = numbers.windows(2).position(|pair| pair[0] == pair[1]) {
+        return Err(same(&named[i], &named[i + 1]));
+    }
     let step = |pair: &[u128]| pair[1] - pair[0];
     let least = numbers.windows(2).map(step).min().unwrap_or(1);
     let mut missing = 0;
     let mut gap = None;
     for (i, pair) in numbers.windows(2).enumerate() {
-        if pair[0] == pair[1] {
-            return Err(same(&named[i], &named[i + 1]));
-        }
         if step(pair) != least {
             missing += (step(pair) / least).max(2) - 1;
             gap = gap.or(Some(i));
@@ -182,9 +182,15 @@ mod tests {
             assert!(matches!(error, StackError::NoSeries { .. }), "{error}");
             assert_eq!(arranged(&names, true).unwrap().len(), 3);
         }
-        for names in [["a1.tif", "a01.tif"], ["a1.tif", "a1.tiff"]] {
-            let error = arranged(&names, false).unwrap_err();
-            assert!(matches!(error, StackError::SameNumber { .. }), "{error}");
+        for names in
+            [&["a1.tif", "a01.tif"][..], &["a1.tif", "a1.tiff"], &["s1.tif", "s2.tif", "s02.tif"]]
+        {
+            let StackError::SameNumber { first, other } = arranged(names, false).unwrap_err()
+            else {
+                panic!("{names:?}")
+            };
+            let last = &names[names.len() - 2..];
+            assert_eq!([first, other].map(|path| path.display().to_string()), last);
         }
     }
 

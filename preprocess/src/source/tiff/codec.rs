@@ -5,8 +5,12 @@ use flate2::read::ZlibDecoder;
 use std::io::{self, Read};
 use weezl::{BitOrder, LzwStatus};
 
-/// Bytes that a decoder holds, zstd's window apart.
+/// Bytes that a decoder holds.
 const DECODER_BYTES: u64 = 512 << 10;
+
+/// Bytes that zstd's decoder holds beside its buffers, and the most of one of its blocks.
+const ZSTD_BYTES: u64 = 160 << 10;
+const ZSTD_BLOCK_BYTES: u64 = 128 << 10;
 
 /// The largest window of zstd's common levels (2^23), which is always allowed, and that of its highest.
 const ZSTD_WINDOW_LOGS: [u32; 2] = [23, 27];
@@ -90,11 +94,12 @@ impl Compression {
         matches!(self, Self::Deflate | Self::Zstd)
     }
 
-    /// Bytes of memory that a reader takes.
-    pub(super) fn decoder_bytes(self, window_log: u32) -> u64 {
+    /// Bytes of memory that a reader of what `stored` holds, of `length` bytes, takes where it is asked for
+    /// `at_once` bytes at a time.
+    pub(super) fn decoder_bytes(self, stored: &[u8], length: u64, at_once: u64) -> u64 {
         match self {
             Self::None => 0,
-            Self::Zstd => DECODER_BYTES + (1 << window_log),
+            Self::Zstd => ZSTD_BYTES + zstd_buffers(stored, length, at_once),
             _ => DECODER_BYTES,
         }
     }
@@ -104,6 +109,20 @@ impl Compression {
 pub(super) fn zstd_window_log(frame: &[u8]) -> u32 {
     let [common, highest] = ZSTD_WINDOW_LOGS;
     zstd_window(frame).min(1 << highest).next_power_of_two().ilog2().max(common)
+}
+
+/// Bytes of the buffers that decode a zstd frame: a block of what is stored, and the window with the blocks
+/// beside it, filled no further than there is content. A frame that says how long it is needs none where all
+/// of it is asked for at once.
+fn zstd_buffers(frame: &[u8], length: u64, at_once: u64) -> u64 {
+    let content = zstd::zstd_safe::get_frame_content_size(frame).ok().flatten();
+    if content.is_some_and(|content| content <= at_once) {
+        return 0;
+    }
+    let window = zstd_window(frame).min(1 << zstd_window_log(frame));
+    let block = window.min(ZSTD_BLOCK_BYTES);
+    let filled = content.unwrap_or(u64::MAX).min(length.saturating_add(block));
+    block + (window + 2 * block).min(filled)
 }
 
 /// The window that a zstd frame asks for (RFC 8878, section 3.1.1.1).
@@ -276,5 +295,24 @@ mod tests {
         assert_eq!(zstd_window(&stream), 1 << 21);
         let whole = zstd::bulk::compress(&bytes, 3).unwrap();
         assert!((300_000..600_000).contains(&zstd_window(&whole)), "{}", zstd_window(&whole));
+    }
+
+    #[test]
+    fn memory_of_zstd_is_what_its_frame_asks_for_and_no_more_than_its_content_fills() {
+        let bytes = vec![7; 300_000];
+        let stream = zstd::encode_all(bytes.as_slice(), 3).unwrap();
+        let whole = zstd::bulk::compress(&bytes, 3).unwrap();
+        let memory = |frame: &[u8], length, at_once| {
+            Compression::Zstd.decoder_bytes(frame, length, at_once) - ZSTD_BYTES
+        };
+        let block = ZSTD_BLOCK_BYTES;
+        assert_eq!(memory(&whole, 300_000, 300_000), 0, "decoded where it belongs");
+        assert_eq!(memory(&whole, 300_000, 1 << 16), block + 300_000);
+        assert_eq!(memory(&stream, 300_000, 300_000), 2 * block + 300_000);
+        assert_eq!(memory(&stream, 1 << 30, 1 << 30), (1 << 21) + 3 * block);
+        // A window beyond the common ones is what the frame says, and never beyond the largest.
+        let largest = [0x28, 0xb5, 0x2f, 0xfd, 0, 0xff];
+        assert_eq!(memory(&largest, u64::MAX, 0), (1 << 27) + 3 * block);
+        assert_eq!(memory(&[], 1000, 0), 0);
     }
 }

@@ -9,10 +9,23 @@ use std::io::{self, BufReader, Read};
 /// Bytes that are decoded at a time where rows are short.
 const PIECE_BYTES: usize = 1 << 16;
 
-/// Bytes of memory that decoding a page takes.
-pub(super) fn decode_bytes(page: &Page<'_>, window_log: u32) -> u64 {
+/// Bytes of memory that decoding a page takes. A page's chunks were packed by one program in one way, and the
+/// first of them says what all need.
+pub(super) fn decode_bytes(page: &Page<'_>) -> u64 {
     let piece = 2 * page.chunk_row_bytes() + PIECE_BYTES as u64;
-    page.compression.decoder_bytes(window_log) + piece
+    let first = (0..page.chunks()).find_map(|index| page.chunk(index).ok().flatten());
+    let length = page.chunk_xy[1].saturating_mul(page.chunk_row_bytes());
+    let at_once = if belongs_as_it_is(page) {
+        page.rows_in_picture(0) * page.chunk_row_bytes()
+    } else {
+        PIECE_BYTES as u64
+    };
+    page.compression.decoder_bytes(first.unwrap_or(&[]), length, at_once) + piece
+}
+
+/// Whether rows of a chunk are the slice's own rows.
+fn belongs_as_it_is(page: &Page<'_>) -> bool {
+    page.chunk_xy[0] == page.kind.dims_xy[0] && !page.half
 }
 
 /// Decodes a page into `slice`, its samples little-endian.
@@ -60,7 +73,7 @@ fn decode_chunk(
     let slice = &mut slice[first_row * slice_row..(first_row + rows) * slice_row];
     // What follows is of no use, but for the checksum behind it.
     let beyond = (page.chunk_xy[1] - rows as u64) * row_bytes as u64 + 1;
-    if wanted == row_bytes && wanted == slice_row {
+    if belongs_as_it_is(page) {
         chunk.read_exact(slice)?;
         if !fix.is_nothing() {
             slice.chunks_exact_mut(row_bytes).for_each(|row| fix.fix(row, spare));

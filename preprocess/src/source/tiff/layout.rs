@@ -133,7 +133,18 @@ impl Layout {
             Metadata::None => ("", PageOrder::slices(full.len() as u64)),
             Metadata::ImageJ(imagej) => ("ImageJ's", imagej.order()),
             Metadata::Ome(ome) => ("OME", ome.order),
-            Metadata::Shaped(shaped) => ("tifffile's", shaped.order(path)?),
+            Metadata::Shaped(shaped) => {
+                let number = |tag, name| first_ifd.number(tag, name).map_err(at(Some(first)));
+                let dims_xy = [number(256, "ImageWidth")?, number(257, "ImageLength")?];
+                let order = shaped.order(path, dims_xy)?;
+                if order.is_none() {
+                    voxel_size.notes.push(
+                        "its description is of pictures of another size: each page is a slice"
+                            .into(),
+                    );
+                }
+                ("tifffile's", order.unwrap_or(PageOrder::slices(full.len() as u64)))
+            }
         };
         let is_ome = matches!(metadata, Metadata::Ome(_));
         let pages = full.len() as u64;
@@ -195,7 +206,7 @@ impl Layout {
             slices: 1,
             places: Places::Directories(Vec::new()),
             big_endian: page.big_endian(),
-            decode_bytes: decode::decode_bytes(page, window_log),
+            decode_bytes: decode::decode_bytes(page),
             window_log,
             voxel_size,
         }
@@ -251,8 +262,7 @@ impl Layout {
             if page.compression == Compression::Zstd {
                 layout.window_log = layout.window_log.max(zstd_window_log(&[]));
             }
-            let bytes = decode::decode_bytes(&page, layout.window_log);
-            layout.decode_bytes = layout.decode_bytes.max(bytes);
+            layout.decode_bytes = layout.decode_bytes.max(decode::decode_bytes(&page));
             samples = samples.zip(page.plain_offset()).map(|(mut samples, offset)| {
                 samples.push(offset);
                 samples

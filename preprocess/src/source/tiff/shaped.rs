@@ -20,14 +20,26 @@ impl Shaped {
         (shaped.shape.len() >= 2 && !shaped.shape.contains(&0)).then_some(shaped)
     }
 
-    /// How pages follow each other: the array's axes before the last two, which are y and x.
-    pub(super) fn order(&self, path: &Path) -> Result<PageOrder, SourceError> {
-        let leading = &self.shape[..self.shape.len() - 2];
+    /// How pages of a size follow each other: the array's axes before the last two, which are y and x. Axes of
+    /// one may stand behind these. `None` where the array has no pages of this size.
+    pub(super) fn order(
+        &self,
+        path: &Path,
+        [x, y]: [u64; 2],
+    ) -> Result<Option<PageOrder>, SourceError> {
+        let mut shape = self.shape.as_slice();
+        let leading = loop {
+            match shape {
+                [leading @ .., height, width] if [*height, *width] == [y, x] => break leading,
+                [rest @ .., 1] => shape = rest,
+                _ => return Ok(None),
+            }
+        };
         let letters: Vec<char> = self.axes.iter().flat_map(|axes| axes.chars()).collect();
         let many: Vec<(usize, u64)> =
             leading.iter().copied().enumerate().filter(|(_, size)| *size > 1).collect();
         if let [] | [_] = many.as_slice() {
-            return Ok(PageOrder::slices(many.first().map_or(1, |&(_, size)| size)));
+            return Ok(Some(PageOrder::slices(many.first().map_or(1, |&(_, size)| size))));
         }
         let mut axes = Vec::new();
         for &(at, size) in many.iter().rev() {
@@ -46,7 +58,7 @@ impl Shaped {
         }
         match axes.as_slice() {
             &[a, b, c] if a.0 != b.0 && a.0 != c.0 && b.0 != c.0 => {
-                Ok(PageOrder { axes: [a, b, c] })
+                Ok(Some(PageOrder { axes: [a, b, c] }))
             }
             _ => Err(self.unknown(path)),
         }
@@ -62,8 +74,30 @@ impl Shaped {
 mod tests {
     use super::*;
 
+    fn order_of(description: &str, dims_xy: [u64; 2]) -> Option<PageOrder> {
+        Shaped::parse(description).unwrap().order(Path::new("a.tif"), dims_xy).ok().flatten()
+    }
+
     fn order(description: &str) -> Option<PageOrder> {
-        Shaped::parse(description).unwrap().order(Path::new("a.tif")).ok()
+        order_of(description, [4, 5])
+    }
+
+    #[test]
+    fn the_last_two_axes_are_those_of_a_page() {
+        let slices = |count| Some(PageOrder::slices(count));
+        for (shape, dims_xy, expected) in [
+            ("[7, 1, 1]", [1, 7], slices(1)),
+            ("[7, 1, 1]", [1, 1], slices(7)),
+            ("[33, 1, 1]", [1, 33], slices(1)),
+            ("[1, 7, 1, 1]", [7, 1], slices(1)),
+            ("[3, 7, 1, 1]", [7, 3], slices(1)),
+            ("[7, 5, 4, 1]", [4, 5], slices(7)),
+            ("[7, 5, 4]", [5, 4], None),
+            ("[1, 1]", [2, 2], None),
+        ] {
+            let description = format!(r#"{{"shape": {shape}}}"#);
+            assert_eq!(order_of(&description, dims_xy), expected, "{shape} {dims_xy:?}");
+        }
     }
 
     #[test]
