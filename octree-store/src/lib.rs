@@ -60,6 +60,7 @@ mod error;
 mod error_sum;
 mod exact_sum;
 mod geometry;
+pub mod info_json;
 mod key;
 pub mod loader;
 mod metadata;

@@ -2,7 +2,7 @@
 
 use crate::commands::info::{dropped_line, error_line};
 use crate::commands::{by, human_bytes};
-use crate::info_json::bits_per_voxel;
+use octree_store::info_json::bits_per_voxel;
 use preprocess::{Conversion, ConversionPlan};
 use std::io::{self, Write};
 use std::path::Path;
