@@ -9,6 +9,7 @@ mod histogram;
 mod info;
 mod man;
 mod preview;
+mod serve;
 mod slice;
 mod tradeoff;
 mod verify;
@@ -44,6 +45,7 @@ enum Command {
     Brick(brick::Brick),
     Compare(compare::Compare),
     Tradeoff(tradeoff::Tradeoff),
+    Serve(serve::Serve),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -62,6 +64,7 @@ impl Octavo {
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
+            Command::Serve(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
         }
