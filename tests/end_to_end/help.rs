@@ -2,13 +2,14 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 13] = [
     "convert",
     "info",
     "verify",
     "histogram",
     "slice",
     "preview",
+    "serve",
     "extract",
     "brick",
     "compare",
