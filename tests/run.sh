@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
-# NRRD, MetaImage and DICOM, Chromium, in which the page of `tradeoff` is looked at, and QEMU, which runs the
-# program as processors without AVX-512 and AVX2 would.
+# NRRD, MetaImage and DICOM, and with clients of the server; Chromium, Neuroglancer and niivue; and QEMU,
+# which runs the program as processors without AVX-512 and AVX2 would.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -22,6 +22,16 @@ if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, nrrd, numpy, PIL, pydic
 fi
 export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
 
+# Another for clients of the server: their dependencies are many, and must not disturb the readers.
+clients="target/clients"
+if ! "$clients/bin/python" -c 'import aiohttp, cloudvolume, fsspec, numpy, ome_zarr, ome_zarr_models, openapi_spec_validator, tensorstore, zarr' 2>/dev/null; then
+  rm -rf "$clients"
+  python3 -m venv "$clients"
+  "$clients/bin/pip" install --quiet --disable-pip-version-check \
+    aiohttp cloud-volume fsspec numpy ome-zarr ome-zarr-models openapi-spec-validator tensorstore 'zarr>=3'
+fi
+export OCTAVO_TEST_CLIENTS="$PWD/$clients/bin/python"
+
 # A browser without a screen.
 if ! command -v "${OCTAVO_TEST_BROWSER:-chromium}" >/dev/null; then
   as_root apt-get update -qq
@@ -33,6 +43,18 @@ if ! command -v "${OCTAVO_TEST_EMULATOR:-qemu-x86_64}" >/dev/null; then
   as_root apt-get update -qq
   as_root apt-get install -y -qq --no-install-recommends qemu-user
 fi
+# Viewers that run in it, bundled as their packages are.
+viewers="target/browser"
+if ! command -v npm >/dev/null; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends nodejs npm
+fi
+mkdir -p "$viewers"
+cp -r tests/clients/browser/. "$viewers/"
+if [ ! -f "$viewers/dist/niivue/niivue.js" ]; then
+  (cd "$viewers" && npm install --silent --no-audit --no-fund --fetch-retries=0 && node bundle.mjs dist)
+fi
+export OCTAVO_TEST_VIEWERS="$PWD/$viewers"
 
 # Rust links through a C compiler.
 if ! command -v cc >/dev/null; then

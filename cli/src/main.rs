@@ -3,7 +3,6 @@
 mod chart;
 mod commands;
 mod exit;
-mod info_json;
 mod parse;
 mod picture;
 mod progress;

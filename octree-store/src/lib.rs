@@ -61,6 +61,7 @@ mod error_sum;
 mod exact_sum;
 mod geometry;
 mod instruction_set;
+pub mod info_json;
 mod key;
 pub mod loader;
 mod metadata;

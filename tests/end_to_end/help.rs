@@ -9,6 +9,7 @@ const COMMANDS: [&str; 13] = [
     "histogram",
     "slice",
     "preview",
+    "serve",
     "extract",
     "brick",
     "compare",

@@ -17,6 +17,7 @@ mod plan;
 mod readers;
 mod resume;
 mod samples;
+mod serve;
 mod sharing;
 mod strange;
 mod support;

@@ -2,9 +2,9 @@
 
 use super::{print_json, write_whole};
 use crate::exit::Answer;
-use crate::info_json::number;
 use crate::parse;
 use clap::Args;
+use octree_store::info_json::number;
 use octree_store::{NodeKey, NodeRecord, Store, StoreError};
 use serde_json::json;
 use std::io::{self, Write};

@@ -2,8 +2,8 @@
 
 use super::{by, human_bytes, print_json};
 use crate::exit::Answer;
-use crate::info_json::{InfoJson, bits_per_voxel};
 use clap::Args;
+use octree_store::info_json::{InfoJson, bits_per_voxel};
 use octree_store::{Metadata, Store};
 use std::collections::BTreeMap;
 use std::io::{self, Write};

@@ -10,6 +10,7 @@ mod histogram;
 mod info;
 mod man;
 mod preview;
+mod serve;
 mod slice;
 mod tradeoff;
 mod upscale;
@@ -47,6 +48,7 @@ enum Command {
     Compare(compare::Compare),
     Tradeoff(tradeoff::Tradeoff),
     Upscale(upscale::Upscale),
+    Serve(serve::Serve),
     Completions(completions::Completions),
     Man(man::Man),
 }
@@ -66,6 +68,7 @@ impl Octavo {
             Command::Compare(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
             Command::Upscale(command) => command.run(),
+            Command::Serve(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
         }

@@ -1,6 +1,6 @@
 //! What `--report` holds, and `--json` prints.
 
-use crate::info_json::InfoJson;
+use octree_store::info_json::InfoJson;
 use preprocess::Conversion;
 use serde::Serialize;
 

@@ -2,8 +2,8 @@
 
 use crate::commands::info::{dropped_line, error_line, overlap_line};
 use crate::commands::{by, human_bytes};
-use crate::info_json::bits_per_voxel;
 use indicatif::HumanDuration;
+use octree_store::info_json::bits_per_voxel;
 use preprocess::{Conversion, ConversionPlan, ConvertOptions, DiskSpace};
 use serde::Serialize;
 use std::io::{self, Write};

@@ -1,11 +1,14 @@
 //! The JSON of `info` and of conversion reports: schema `octavo.info/1`.
 
-use octree_store::{FORMAT_VERSION, LevelSummary, Metadata, SampleType};
+use crate::encoding::Encoding;
+use crate::metadata::{FORMAT_VERSION, LevelSummary, Metadata, SourceDescription};
+use crate::sample::SampleType;
 use serde::Serialize;
 use serde_json::{Map, Number, Value};
 
-#[derive(Serialize)]
-pub(crate) struct InfoJson<'a> {
+/// All that the metadata says, with its totals.
+#[derive(Debug, Serialize)]
+pub struct InfoJson<'a> {
     schema: &'static str,
     format_version: u32,
     complete: bool,
@@ -15,7 +18,7 @@ pub(crate) struct InfoJson<'a> {
     unit: &'static str,
     affine: Option<[[f64; 4]; 4]>,
     sample_type: SampleType,
-    encoding: octree_store::Encoding,
+    encoding: Encoding,
     brick_core: u32,
     brick_overlap: u32,
     stored_overlap: bool,
@@ -42,14 +45,15 @@ pub(crate) struct InfoJson<'a> {
     levels: &'a [LevelSummary],
     payload_bytes: u64,
     file_bytes: u64,
-    source: &'a octree_store::SourceDescription,
+    source: &'a SourceDescription,
     created_by: &'a str,
     created_unix_secs: u64,
     options: Map<String, Value>,
 }
 
 impl<'a> InfoJson<'a> {
-    pub(crate) fn new(metadata: &'a Metadata, file_bytes: u64) -> Self {
+    /// What is to be said of a store in a file of so many bytes.
+    pub fn new(metadata: &'a Metadata, file_bytes: u64) -> Self {
         let first = metadata.levels.first();
         let value = |v: Option<f64>| v.map_or(Value::Null, |v| number(v, metadata.sample_type));
         Self {
@@ -98,12 +102,12 @@ impl<'a> InfoJson<'a> {
 }
 
 /// Bits of the file for each voxel of level 0: the whole pyramid is in it.
-pub(crate) fn bits_per_voxel(metadata: &Metadata, file_bytes: u64) -> f64 {
+pub fn bits_per_voxel(metadata: &Metadata, file_bytes: u64) -> f64 {
     8.0 * file_bytes as f64 / metadata.dims_xyz.iter().map(|&n| n as f64).product::<f64>()
 }
 
 /// A value of a sample type: integers without a decimal point.
-pub(crate) fn number(value: f64, sample_type: SampleType) -> Value {
+pub fn number(value: f64, sample_type: SampleType) -> Value {
     if sample_type.is_integer() && value.fract() == 0.0 && value.abs() < 9e15 {
         Value::from(value as i64)
     } else {

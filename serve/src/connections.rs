@@ -1,0 +1,142 @@
+//! Connections: how many, how long, and how they end.
+
+use crate::app::App;
+use crate::observe::Peer;
+use axum::Router;
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::graceful::{GracefulShutdown, Watcher};
+use hyper_util::service::TowerToHyperService;
+use std::future::Future;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::AsyncWriteExt;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio_io_timeout::TimeoutStream;
+use tower::ServiceBuilder;
+use tower::util::MapRequestLayer;
+
+/// How HTTP/2 begins.
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+
+/// Requests of one HTTP/2 connection that are answered at once.
+const CONCURRENT_STREAMS: u32 = 64;
+
+/// What one connection over the limit hears.
+const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 1\r\nconnection: close\r\n\
+    access-control-allow-origin: *\r\ncontent-type: application/problem+json\r\ncontent-length: 91\r\n\r\n\
+    {\"type\":\"about:blank\",\"title\":\"busy\",\"status\":503,\"detail\":\"too many connections are open\"}";
+
+/// Takes connections until `stop` is done; then lets open requests end, for a while.
+pub(crate) async fn accept(
+    listener: TcpListener,
+    app: Arc<App>,
+    router: Router,
+    stop: impl Future<Output = ()>,
+) {
+    let limits = app.options.limits;
+    let room = Arc::new(Semaphore::new(limits.connections));
+    let graceful = GracefulShutdown::new();
+    let mut stop = pin!(stop);
+    loop {
+        let accepted = tokio::select! {
+            accepted = listener.accept() => accepted,
+            () = &mut stop => break,
+        };
+        let (stream, peer) = match accepted {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                // Out of file descriptors, mostly: connections that end make room.
+                tracing::warn!(%error, "a connection could not be accepted");
+                tokio::time::sleep(Duration::from_millis(50)).await;
+                continue;
+            }
+        };
+        let Ok(permit) = Arc::clone(&room).try_acquire_owned() else {
+            app.metrics.refused_connections.inc();
+            refuse(stream);
+            continue;
+        };
+        let watcher = graceful.watcher();
+        let (app, router) = (Arc::clone(&app), router.clone());
+        tokio::spawn(async move {
+            app.metrics.connections.inc();
+            if let Err(error) = converse(stream, peer, &app, router, watcher, permit).await {
+                tracing::debug!(%peer, %error, "a connection ended");
+            }
+            app.metrics.connections.dec();
+        });
+    }
+    drop(listener);
+    app.retire();
+    if tokio::time::timeout(limits.drain_time, graceful.shutdown()).await.is_err() {
+        tracing::warn!("requests that were still open are cut off");
+    }
+}
+
+/// Says that there is no room, if that can be said at once.
+fn refuse(stream: TcpStream) {
+    let _ = stream.try_write(FULL);
+    tokio::spawn(async move {
+        let mut stream = stream;
+        let _ = tokio::time::timeout(Duration::from_millis(100), stream.shutdown()).await;
+    });
+}
+
+async fn converse(
+    stream: TcpStream,
+    peer: SocketAddr,
+    app: &App,
+    router: Router,
+    watcher: Watcher,
+    _permit: OwnedSemaphorePermit,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let limits = app.options.limits;
+    stream.set_nodelay(true)?;
+    let http2 = tokio::time::timeout(limits.head_time, speaks_http2(&stream)).await??;
+    let mut stream = TimeoutStream::new(stream);
+    stream.set_write_timeout(Some(limits.stall_time));
+    let io = TokioIo::new(Box::pin(stream));
+    let with_peer = MapRequestLayer::new(move |mut request: http::Request<_>| {
+        request.extensions_mut().insert(Peer(peer));
+        request
+    });
+    let service = ServiceBuilder::new().layer(with_peer).service(router);
+    let service = TowerToHyperService::new(service);
+    if http2 {
+        let mut builder = hyper::server::conn::http2::Builder::new(TokioExecutor::new());
+        builder
+            .timer(TokioTimer::new())
+            .max_concurrent_streams(CONCURRENT_STREAMS)
+            .max_header_list_size(limits.head_bytes as u32)
+            .keep_alive_interval(limits.head_time)
+            .keep_alive_timeout(limits.stall_time);
+        watcher.watch(builder.serve_connection(io, service)).await?;
+    } else {
+        let mut builder = hyper::server::conn::http1::Builder::new();
+        builder
+            .timer(TokioTimer::new())
+            .header_read_timeout(limits.head_time)
+            .max_header_size(limits.head_bytes)
+            .max_buf_size(limits.head_bytes.max(8192) + 8192);
+        watcher.watch(builder.serve_connection(io, service)).await?;
+    }
+    Ok(())
+}
+
+/// Whether a client begins as HTTP/2 does. Nothing is taken from the stream.
+async fn speaks_http2(stream: &TcpStream) -> io::Result<bool> {
+    let mut begin = [0; PREFACE.len()];
+    loop {
+        let count = stream.peek(&mut begin).await?;
+        let same = begin[..count] == PREFACE[..count];
+        if count == 0 || !same || count == PREFACE.len() {
+            return Ok(same && count > 0);
+        }
+        // What was peeked at is still there, so that waiting for more would not wait.
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+}

@@ -1,0 +1,63 @@
+//! One store that is served.
+
+use crate::answer::Lifetime;
+use crate::product::Shape;
+use crate::statistics::Statistics;
+use octree_store::{Metadata, NodeKey, Store};
+use std::sync::OnceLock;
+
+/// An open store and what is known of it.
+#[derive(Debug)]
+pub(crate) struct Dataset {
+    /// Tells a store from the one that it replaced.
+    pub(crate) id: u64,
+    pub(crate) name: String,
+    pub(crate) store: Store,
+    pub(crate) file_bytes: u64,
+    statistics: OnceLock<Statistics>,
+}
+
+impl Dataset {
+    pub(crate) fn new(id: u64, name: String, store: Store, file_bytes: u64) -> Self {
+        Self { id, name, store, file_bytes, statistics: OnceLock::new() }
+    }
+
+    pub(crate) fn metadata(&self) -> &Metadata {
+        self.store.metadata()
+    }
+
+    /// The first digits of the digest: enough to name the content in an address.
+    pub(crate) fn version(&self) -> &str {
+        let digest = &self.metadata().digest;
+        digest.get(..PIN_DIGITS).unwrap_or(digest)
+    }
+
+    /// The tag of a brick in a shape: the digest covers every payload's checksum.
+    pub(crate) fn etag(&self, key: NodeKey, shape: Shape) -> String {
+        let digest = &self.metadata().digest;
+        let digest = digest.get(..32).unwrap_or(digest);
+        format!("{digest}-{}-{:x}", shape.tag(), key.to_u64())
+    }
+
+    /// What its values look like. Reads bricks when it is first asked: for the decoding pool.
+    pub(crate) fn statistics(&self) -> &Statistics {
+        self.statistics.get_or_init(|| Statistics::of(&self.store))
+    }
+}
+
+/// Digits of the digest that an address has.
+pub(crate) const PIN_DIGITS: usize = 16;
+
+/// A dataset as an address named it.
+#[derive(Debug, Clone)]
+pub(crate) struct Named {
+    pub(crate) dataset: std::sync::Arc<Dataset>,
+    /// The address names the content too (`NAME@DIGEST`), so that answers never change.
+    pub(crate) pinned: bool,
+}
+
+impl Named {
+    pub(crate) fn lifetime(&self) -> Lifetime {
+        if self.pinned { Lifetime::Immutable } else { Lifetime::Revalidate }
+    }
+}

@@ -1,0 +1,182 @@
+//! Node records of a level, a range at a time.
+
+use crate::answer::{Answer, Conditions};
+use crate::app::App;
+use crate::dataset::Dataset;
+use crate::problem::Problem;
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::response::Response;
+use octree_store::{Geometry, NodeKey, NodeRecord, StoreError};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// Records of one answer, at most.
+const COUNT_LIMIT: u64 = 65_536;
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Format {
+    #[default]
+    Binary,
+    Json,
+}
+
+/// Which records are wanted: `count` from the `first` of the level on, in key order.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wanted {
+    level: u8,
+    #[serde(default)]
+    first: u64,
+    count: Option<u64>,
+    #[serde(default)]
+    format: Format,
+}
+
+pub(super) async fn nodes(
+    State(app): State<Arc<App>>,
+    Path(name): Path<String>,
+    wanted: Result<Query<Wanted>, QueryRejection>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    let Query(wanted) = wanted?;
+    let named = app.catalog.find(&name)?;
+    let geometry = named.dataset.store.geometry();
+    if !geometry.levels().contains(&wanted.level) {
+        return Err(Problem::absent(format!("the dataset has no level {}", wanted.level)));
+    }
+    let all = geometry.bricks_at(wanted.level);
+    if wanted.count.is_some_and(|count| count > COUNT_LIMIT) {
+        return Err(Problem::too_large(format!("at most {COUNT_LIMIT} records in one answer")));
+    }
+    let count = wanted.count.unwrap_or(COUNT_LIMIT).min(all.saturating_sub(wanted.first));
+    let dataset = Arc::clone(&named.dataset);
+    let (level, first) = (wanted.level, wanted.first);
+    let records = app.decoders.run(move |_| read(&dataset, level, first, count)).await?;
+    for (_, record) in &records {
+        if let Err(error) = record {
+            app.report(&named.dataset, error);
+        }
+    }
+    let answer = match wanted.format {
+        Format::Json => {
+            let list: Vec<Value> =
+                records.iter().map(|(key, record)| to_json(*key, record)).collect();
+            Answer::json(&list)?
+        }
+        Format::Binary => {
+            let mut bytes = Vec::with_capacity(records.len() * NodeRecord::BYTES);
+            for (key, record) in &records {
+                bytes.extend_from_slice(&to_bytes(*key, record));
+            }
+            Answer::document(bytes, "application/octet-stream")
+        }
+    };
+    Ok(answer.with("x-octavo-nodes", &all.to_string()).lasting(named.lifetime()).to(&conditions))
+}
+
+type Read = (NodeKey, Result<NodeRecord, StoreError>);
+
+fn read(dataset: &Dataset, level: u8, first: u64, count: u64) -> Vec<Read> {
+    let keys = keys_from(dataset.store.geometry(), level, first).take(count as usize);
+    let mut family = None;
+    keys.map(|key| {
+        // Siblings stand side by side: one read gives all of them, unless one is damaged.
+        let parent = key.parent();
+        if dataset.store.geometry().root() == key {
+            return (key, dataset.store.node(key));
+        }
+        if family.as_ref().is_none_or(|(of, _)| *of != parent) {
+            family = Some((parent, dataset.store.children(parent).ok()));
+        }
+        let known =
+            family.as_ref().and_then(|(_, children)| children.as_ref()?.get(key.octant()).copied());
+        (key, known.map_or_else(|| dataset.store.node(key), Ok))
+    })
+    .collect()
+}
+
+/// The keys of a level in key order, without the first `skip`: whole subtrees are passed over at once.
+fn keys_from(geometry: &Geometry, level: u8, mut skip: u64) -> impl Iterator<Item = NodeKey> {
+    let (geometry, grid) = (*geometry, geometry.grid_at(level));
+    let mut pending = vec![geometry.root()];
+    std::iter::from_fn(move || {
+        while let Some(key) = pending.pop() {
+            let down = key.level() - level;
+            let beneath: u64 = (0..3)
+                .map(|axis| {
+                    let at = key.brick_xyz()[axis];
+                    ((at + 1) << down).min(grid[axis]).saturating_sub(at << down)
+                })
+                .product();
+            if beneath <= skip {
+                skip -= beneath;
+            } else if down == 0 {
+                return Some(key);
+            } else {
+                let children = key.children().into_iter().rev();
+                pending.extend(children.filter(|child| geometry.contains(*child)));
+            }
+        }
+        None
+    })
+}
+
+/// A record's bytes; of one that cannot be read its key, the state 255, and zeros.
+fn to_bytes(key: NodeKey, record: &Result<NodeRecord, StoreError>) -> [u8; NodeRecord::BYTES] {
+    if let Ok(record) = record {
+        return record.to_bytes();
+    }
+    let mut bytes = [0; NodeRecord::BYTES];
+    bytes[..8].copy_from_slice(&key.to_u64().to_le_bytes());
+    bytes[8] = 255;
+    bytes
+}
+
+fn to_json(key: NodeKey, record: &Result<NodeRecord, StoreError>) -> Value {
+    let [x, y, z] = key.brick_xyz();
+    let key = [u64::from(key.level()), x, y, z];
+    match record {
+        Err(error) => {
+            json!({"key": key, "state": "damaged", "what": Problem::of_store(error).detail()})
+        }
+        Ok(record) => json!({
+            "key": key,
+            "state": record.state.name(),
+            "child_mask": record.child_mask,
+            "brick_min": record.brick_min,
+            "brick_max": record.brick_max,
+            "subtree_min": record.subtree_min,
+            "subtree_max": record.subtree_max,
+            "rms": record.error.rms(),
+            "amax": record.error.amax,
+            "lod_rms_bound": record.lod_rms_bound,
+            "lod_amax_bound": record.lod_amax_bound,
+            "bits": record.bits,
+            "payload_bytes": record.place.length,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_of_a_level_are_the_level_in_key_order() {
+        let geometry = Geometry::new([100, 41, 70], 8, 1).unwrap();
+        for level in geometry.levels() {
+            let [nx, ny, nz] = geometry.grid_at(level);
+            let mut keys: Vec<NodeKey> = (0..nx * ny * nz)
+                .map(|i| NodeKey::new(level, [i % nx, i / nx % ny, i / nx / ny]))
+                .collect();
+            keys.sort_unstable();
+            for first in (0..=keys.len() as u64 + 1).step_by(7) {
+                let from = keys.get(first as usize..).unwrap_or_default();
+                assert!(keys_from(&geometry, level, first).eq(from.iter().copied()), "{first}");
+            }
+        }
+    }
+}

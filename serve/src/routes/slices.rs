@@ -1,0 +1,69 @@
+//! One slice of a level, for the page: raw samples, windowed by who shows them.
+
+use super::DIMS;
+use crate::answer::{Answer, Conditions};
+use crate::app::App;
+use crate::problem::Problem;
+use axum::extract::rejection::{PathRejection, QueryRejection};
+use axum::extract::{Path, Query, State};
+use axum::response::Response;
+use octree_store::Region;
+use serde::Deserialize;
+use std::sync::Arc;
+
+/// Samples of one slice, at most: a larger one is to be asked for at a coarser level.
+const SAMPLE_LIMIT: u64 = 1 << 24;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wanted {
+    #[serde(default)]
+    level: u8,
+}
+
+pub(super) async fn slice(
+    State(app): State<Arc<App>>,
+    path: Result<Path<(String, Axis, u64)>, PathRejection>,
+    wanted: Result<Query<Wanted>, QueryRejection>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    let Path((name, axis, index)) = path?;
+    let Query(Wanted { level }) = wanted?;
+    let named = app.catalog.find(&name)?;
+    let geometry = named.dataset.store.geometry();
+    if !geometry.levels().contains(&level) {
+        return Err(Problem::absent(format!("the dataset has no level {level}")));
+    }
+    let dims = geometry.dims_at(level);
+    let axis = axis as usize;
+    if index >= dims[axis] {
+        return Err(Problem::absent(format!("the level has {} such slices", dims[axis])));
+    }
+    let mut region = Region::whole(dims);
+    (region.min[axis], region.max[axis]) = (index, index + 1);
+    if region.voxels() > SAMPLE_LIMIT {
+        let detail = format!("{} samples: ask for a coarser level", region.voxels());
+        return Err(Problem::too_large(detail));
+    }
+    let version = named.dataset.metadata().digest.get(..32).unwrap_or_default();
+    let etag = format!("{version}-slice-{level}-{axis}-{index}");
+    if conditions.has(&etag) {
+        return Ok(Answer::binary(bytes::Bytes::new(), etag, named.lifetime()).not_modified());
+    }
+    let dataset = Arc::clone(&named.dataset);
+    let read = move |_: &mut _| dataset.store.read_region_samples(level, region);
+    let samples = app.decoders.run(read).await?;
+    let samples = samples.map_err(|error| app.report(&named.dataset, &error))?;
+    let sides: Vec<u64> = (0..3).filter(|side| *side != axis).map(|side| dims[side]).collect();
+    Ok(Answer::binary(samples.to_le_bytes().into(), etag, named.lifetime())
+        .with(DIMS, &format!("{},{}", sides[0], sides[1]))
+        .to(&conditions))
+}

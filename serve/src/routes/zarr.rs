@@ -1,0 +1,77 @@
+//! Datasets as OME-Zarr: documents made on request, chunks of bricks without their overlap.
+
+use super::bricks::brick_answer;
+use crate::answer::{Answer, Conditions};
+use crate::app::App;
+use crate::problem::Problem;
+use crate::product::Shape;
+use crate::views::ome_zarr::{Flavour, Part};
+use axum::extract::{Path, State};
+use axum::response::Response;
+use serde_json::json;
+use std::sync::Arc;
+
+pub(super) async fn zarr2(
+    State(app): State<Arc<App>>,
+    Path((name, path)): Path<(String, String)>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    zarr(&app, Flavour { zarr_format: 2, five_d: false }, &name, &path, &conditions).await
+}
+
+pub(super) async fn zarr2_5d(
+    State(app): State<Arc<App>>,
+    Path((name, path)): Path<(String, String)>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    zarr(&app, Flavour { zarr_format: 2, five_d: true }, &name, &path, &conditions).await
+}
+
+pub(super) async fn zarr3(
+    State(app): State<Arc<App>>,
+    Path((name, path)): Path<(String, String)>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    zarr(&app, Flavour { zarr_format: 3, five_d: false }, &name, &path, &conditions).await
+}
+
+pub(super) async fn zarr3_5d(
+    State(app): State<Arc<App>>,
+    Path((name, path)): Path<(String, String)>,
+    conditions: Conditions,
+) -> Result<Response, Problem> {
+    zarr(&app, Flavour { zarr_format: 3, five_d: true }, &name, &path, &conditions).await
+}
+
+async fn zarr(
+    app: &App,
+    flavour: Flavour,
+    name: &str,
+    path: &str,
+    conditions: &Conditions,
+) -> Result<Response, Problem> {
+    let named = app.catalog.find(name)?;
+    let geometry = named.dataset.store.geometry();
+    let part = flavour.part(path, geometry);
+    let part = part.ok_or_else(|| Problem::absent("the volume has no such document or chunk"))?;
+    let compressor = app.options.compressor;
+    let document = match part {
+        Part::Chunk(key) => {
+            let shape = Shape::Zarr(compressor);
+            return brick_answer(app, &named, key, shape, conditions, |answer| answer).await;
+        }
+        Part::Group => json!({"zarr_format": 2}),
+        Part::Array(level) => {
+            let sample_type = named.dataset.metadata().sample_type;
+            flavour.array(level, geometry, sample_type, compressor)
+        }
+        Part::Pyramid => {
+            app.with_statistics(&named, move |dataset| {
+                let window = dataset.statistics().window;
+                flavour.pyramid(&dataset.name, dataset.metadata(), window)
+            })
+            .await?
+        }
+    };
+    Ok(Answer::json(&document)?.lasting(named.lifetime()).to(conditions))
+}

@@ -1,0 +1,12 @@
+//! A server over real sockets: what it says is what the stores say.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod damage;
+mod description;
+mod limits;
+mod manners;
+mod native;
+mod rescan;
+mod support;
+mod viewers;

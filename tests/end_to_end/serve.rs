@@ -1,0 +1,137 @@
+//! The server as its users meet it, and clients that others wrote: what they read is the source, bit for bit.
+
+use crate::readers::python_of;
+use crate::support::{Bench, octavo, sample};
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// A server that ends when it is dropped.
+struct Serving {
+    child: Child,
+    base: String,
+}
+
+impl Serving {
+    fn new(bench: &Bench, arguments: &str) -> Self {
+        let mut command = octavo();
+        command.args(["serve", "--bind", "127.0.0.1:0"]).args(arguments.split(' '));
+        command.current_dir(bench.folder()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let base = line.trim().trim_end_matches('/').to_owned();
+        assert!(base.starts_with("http://127.0.0.1:"), "{line}");
+        Self { child, base }
+    }
+
+    fn interrupt(&self) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The interpreter that has other people's readers of served volumes.
+fn clients(script: &str, arguments: &[&str]) {
+    python_of("OCTAVO_TEST_CLIENTS", "tests/clients", script, arguments);
+}
+
+#[test]
+fn it_ends_cleanly_when_it_is_interrupted_and_logs_requests_as_json() {
+    let bench = Bench::new();
+    bench.scan("a.raw");
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16");
+    let mut server = Serving::new(&bench, "a.octavo --access-log");
+    let address = server.base.trim_start_matches("http://").to_owned();
+    let mut stream = std::net::TcpStream::connect(&address).unwrap();
+    std::io::Write::write_all(
+        &mut stream,
+        b"GET /v1/a/info HTTP/1.1\r\nhost: a\r\nconnection: close\r\n\r\n",
+    )
+    .unwrap();
+    let reply = std::io::read_to_string(&mut stream).unwrap();
+    assert!(reply.starts_with("HTTP/1.1 200") && reply.contains("octavo.info/1"), "{reply}");
+    server.interrupt();
+    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+    let log = std::io::read_to_string(server.child.stderr.take().unwrap()).unwrap();
+    let line =
+        log.lines().find(|line| line.contains("/v1/a/info")).expect("the request was logged");
+    let entry: serde_json::Value = serde_json::from_str(line).unwrap();
+    assert_eq!((&entry["method"], &entry["status"]), (&"GET".into(), &200.into()));
+}
+
+#[test]
+fn what_it_cannot_do_is_said_with_the_right_exit_code() {
+    let bench = Bench::new();
+    let open = bench.run("serve . --bind 0.0.0.0:0");
+    assert_eq!(open.code, 2);
+    assert!(open.err.contains("--insecure-no-token"), "{}", open.err);
+    assert_eq!(bench.run("serve nothing.octavo").code, 2);
+    assert_eq!(bench.run("serve . --token-file nothing.txt").code, 2);
+    bench.write("token.txt", b"short");
+    assert_eq!(bench.run("serve . --token-file token.txt").code, 2);
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let said = bench.run(&format!("serve . --bind {}", taken.local_addr().unwrap()));
+    assert_eq!(said.code, 3, "{}", said.err);
+}
+
+#[test]
+fn every_level_is_the_source_s_pyramid_through_every_client() {
+    let bench = Bench::new();
+    let tooth = sample("tooth.nii.gz");
+    bench.ok(&format!("convert {tooth} -o tooth.octavo --encoding lossless"));
+    bench.ok("extract tooth.octavo -o tooth.raw");
+    // Signed, odd in every dimension, anisotropic.
+    let noise: Vec<u8> =
+        (0..2 * 71 * 45 * 38_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 21) as u8).collect();
+    bench.write("odd.raw", &noise);
+    bench.ok("convert odd.raw --dims 71,45,38 --dtype i16 --encoding lossless --spacing 0.5,0.5,2 --unit um");
+    let server = Serving::new(&bench, ".");
+    let path = |name: &str| bench.path(name).display().to_string();
+    let tooth = path("tooth.raw");
+    clients("volumes.py", &[&server.base, "tooth", &tooth, "103,94,161", "uint16", "1e6,1e6,1e6"]);
+    clients(
+        "volumes.py",
+        &[&server.base, "odd", &path("odd.raw"), "71,45,38", "int16", "500,500,2000"],
+    );
+    for dataset in ["tooth", "odd"] {
+        clients("metadata.py", &[&server.base, dataset]);
+    }
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/cut.py");
+    clients(&example.display().to_string(), &[&server.base, "tooth"]);
+}
+
+/// Neuroglancer, niivue and the page in a browser; `tests/run.sh` installs them.
+#[test]
+fn browsers_show_what_the_source_has() {
+    let bench = Bench::new();
+    let tooth = sample("tooth.nii.gz");
+    bench.ok(&format!("convert {tooth} -o tooth.octavo --encoding lossless"));
+    bench.ok("extract tooth.octavo -o tooth.raw");
+    let server = Serving::new(&bench, "tooth.octavo");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let browser = std::env::var("OCTAVO_TEST_VIEWERS")
+        .map_or_else(|_| root.join("target/browser"), Into::into);
+    let raw = bench.path("tooth.raw").display().to_string();
+    let shots = bench.folder().display().to_string();
+    for arguments in [
+        vec!["page.mjs", &server.base, "tooth", &shots],
+        vec!["viewers.mjs", &server.base, "tooth", &raw, "103,94,161", "dist"],
+    ] {
+        let output = Command::new("node").args(&arguments).current_dir(&browser).output().unwrap();
+        assert!(
+            output.status.success(),
+            "{arguments:?} (run by 'bash tests/run.sh', which installs its viewers): {}{}",
+            String::from_utf8_lossy(&output.stdout),
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+}
