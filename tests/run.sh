@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
-# NRRD, MetaImage and DICOM, and Chromium, in which the page of `tradeoff` is looked at.
+# NRRD, MetaImage and DICOM, Chromium, in which the page of `tradeoff` is looked at, and a Vulkan driver that draws
+# on the processor.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -25,6 +26,12 @@ export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
 if ! command -v "${OCTAVO_TEST_BROWSER:-chromium}" >/dev/null; then
   as_root apt-get update -qq
   as_root apt-get install -y -qq --no-install-recommends chromium
+fi
+
+# A Vulkan driver: lavapipe. Another one's file in VK_DRIVER_FILES is left alone.
+if [ -z "${VK_DRIVER_FILES:-}" ] && ! ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1
 fi
 
 # Rust links through a C compiler.
