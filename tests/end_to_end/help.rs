@@ -2,7 +2,7 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 14] = [
     "convert",
     "info",
     "verify",
@@ -12,6 +12,8 @@ const COMMANDS: [&str; 12] = [
     "extract",
     "brick",
     "compare",
+    "render",
+    "render-check",
     "tradeoff",
     "completions",
     "man",

@@ -9,6 +9,8 @@ mod histogram;
 mod info;
 mod man;
 mod preview;
+mod render;
+mod render_check;
 mod slice;
 mod tradeoff;
 mod verify;
@@ -43,6 +45,8 @@ enum Command {
     Extract(extract::Extract),
     Brick(brick::Brick),
     Compare(compare::Compare),
+    Render(render::Render),
+    RenderCheck(render_check::RenderCheck),
     Tradeoff(tradeoff::Tradeoff),
     Completions(completions::Completions),
     Man(man::Man),
@@ -61,6 +65,8 @@ impl Octavo {
             Command::Extract(command) => command.run(),
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
+            Command::Render(command) => command.run(),
+            Command::RenderCheck(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
             Command::Completions(command) => command.run(),
             Command::Man(command) => command.run(),
