@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
-# NRRD, MetaImage and DICOM, and with clients of the server; Chromium, Neuroglancer and niivue; and QEMU,
-# which runs the program as processors without AVX-512 and AVX2 would.
+# NRRD, MetaImage and DICOM, and with clients of the server; Chromium, Neuroglancer and niivue; a Vulkan driver
+# that draws on the processor; and QEMU, which runs the program as processors without AVX-512 and AVX2 would.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -55,6 +55,11 @@ if [ ! -f "$viewers/dist/niivue/niivue.js" ]; then
   (cd "$viewers" && npm install --silent --no-audit --no-fund --fetch-retries=0 && node bundle.mjs dist)
 fi
 export OCTAVO_TEST_VIEWERS="$PWD/$viewers"
+# A Vulkan driver: lavapipe. Another one's file in VK_DRIVER_FILES is left alone.
+if [ -z "${VK_DRIVER_FILES:-}" ] && ! ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1
+fi
 
 # Rust links through a C compiler.
 if ! command -v cc >/dev/null; then

@@ -3,6 +3,7 @@
 
 use octree_store::StoreError;
 use preprocess::{PreprocessError, SourceError};
+use render_check::RenderError;
 use std::io;
 use std::process::ExitCode;
 
@@ -35,8 +36,10 @@ pub(crate) fn code_of_error(error: &anyhow::Error) -> u8 {
 
 /// Our own errors say all that their causes say; others are told with their causes.
 pub(crate) fn message(error: &anyhow::Error) -> String {
-    let own =
-        error.is::<PreprocessError>() || error.is::<SourceError>() || error.is::<StoreError>();
+    let own = error.is::<PreprocessError>()
+        || error.is::<SourceError>()
+        || error.is::<StoreError>()
+        || error.is::<RenderError>();
     let said = if own { error.to_string() } else { format!("{error:#}") };
     let full = |error: &io::Error| {
         matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
@@ -65,6 +68,8 @@ fn is_environment(error: &anyhow::Error) -> bool {
     } else if let Some(error) = error.downcast_ref::<StoreError>() {
         error.is_environment()
     } else if let Some(error) = error.downcast_ref::<SourceError>() {
+        error.is_environment()
+    } else if let Some(error) = error.downcast_ref::<RenderError>() {
         error.is_environment()
     } else {
         error.is::<io::Error>()

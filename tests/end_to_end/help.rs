@@ -2,7 +2,7 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 16] = [
     "convert",
     "info",
     "verify",
@@ -13,6 +13,8 @@ const COMMANDS: [&str; 13] = [
     "extract",
     "brick",
     "compare",
+    "render",
+    "render-check",
     "tradeoff",
     "upscale",
     "completions",

@@ -15,6 +15,7 @@ mod memory;
 mod nibabel;
 mod plan;
 mod readers;
+mod render;
 mod resume;
 mod samples;
 mod serve;

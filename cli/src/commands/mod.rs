@@ -11,6 +11,8 @@ mod info;
 mod man;
 mod preview;
 mod serve;
+mod render;
+mod render_check;
 mod slice;
 mod tradeoff;
 mod upscale;
@@ -46,6 +48,8 @@ enum Command {
     Extract(extract::Extract),
     Brick(brick::Brick),
     Compare(compare::Compare),
+    Render(render::Render),
+    RenderCheck(render_check::RenderCheck),
     Tradeoff(tradeoff::Tradeoff),
     Upscale(upscale::Upscale),
     Serve(serve::Serve),
@@ -66,6 +70,8 @@ impl Octavo {
             Command::Extract(command) => command.run(),
             Command::Brick(command) => command.run(),
             Command::Compare(command) => command.run(),
+            Command::Render(command) => command.run(),
+            Command::RenderCheck(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
             Command::Upscale(command) => command.run(),
             Command::Serve(command) => command.run(),

@@ -108,7 +108,7 @@ pub use fetch::BrickSource;
 pub use frame::{Event, Frame, Loader, LoaderError, LoaderOptions, Statistics, Upload};
 pub use index::{IndexNode, NO_NODE, NodeData, SpatialIndex};
 pub use nodes::{Child, Lookup, NodeSource, NodeSummary, Siblings, StoreNodes};
-pub use projection::{Projection, Ray, ViewSet, off_axis};
+pub use projection::{Projection, Ray, RayFan, ViewSet, off_axis};
 pub use transfer::{Appearance, ControlPoint, TransferError, TransferFunction};
 pub use visibility::Feedback;
 pub use walk::Step;

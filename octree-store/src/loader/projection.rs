@@ -41,6 +41,29 @@ pub struct Ray {
     pub direction: [f64; 3],
 }
 
+/// The rays of a view as linear functions of the point in the image, in world units: at (x, y), in pixels from the top
+/// left corner, a ray starts at `origin + x origin_across + y origin_down`; its direction, of no particular
+/// length, is made likewise. Of rays that meet, directions gain 1 in depth; parallel ones have length 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayFan {
+    /// Where the ray of the image's top left corner starts.
+    pub origin: [f64; 3],
+    /// What a pixel to the right adds.
+    pub origin_across: [f64; 3],
+    /// What a pixel downwards adds.
+    pub origin_down: [f64; 3],
+    /// Where the ray of the top left corner goes.
+    pub direction: [f64; 3],
+    /// What a pixel to the right adds.
+    pub direction_across: [f64; 3],
+    /// What a pixel downwards adds.
+    pub direction_down: [f64; 3],
+    /// Pixels that an edge of length 1 along each axis covers in the middle of the image: at depth 1, or of parallel rays at any.
+    pub pixels_per_unit: [f64; 3],
+    /// Whether all rays have one direction.
+    pub parallel: bool,
+}
+
 /// A view ready for use.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Projection {
@@ -122,6 +145,47 @@ impl Projection {
         let direction = unit(cross(along(rx, x), along(ry, y))).unwrap_or(rw);
         let ahead = if dot(direction, rw) < 0.0 { direction.map(|c| -c) } else { direction };
         Ray { origin: eye, direction: ahead }
+    }
+
+    /// All rays at once: where they start and where they go, as linear functions of the pixel.
+    pub fn fan(&self) -> RayFan {
+        let three = |row: &[f64; 4]| [row[0], row[1], row[2]];
+        let (rx, ry, rw) = (three(&self.row_x), three(&self.row_y), three(&self.row_w));
+        let scaled = |v: [f64; 3], by: f64| v.map(|c| c * by);
+        let [w, h] = self.size;
+        let fan = RayFan {
+            origin: self.ray([0.0, 0.0]).origin,
+            origin_across: [0.0; 3],
+            origin_down: [0.0; 3],
+            direction: [0.0; 3],
+            direction_across: [0.0; 3],
+            direction_down: [0.0; 3],
+            pixels_per_unit: self.pixels_per_unit(),
+            parallel: self.parallel_forward.is_some(),
+        };
+        if let Some(forward) = self.parallel_forward {
+            let (across, down) = (cross(ry, forward), cross(forward, rx));
+            let size = self.row_w[3] / dot(rx, across);
+            return RayFan {
+                origin_across: scaled(across, 2.0 * size / w),
+                origin_down: scaled(down, -2.0 * size / h),
+                direction: forward,
+                pixels_per_unit: scaled(fan.pixels_per_unit, 1.0 / self.row_w[3]),
+                ..fan
+            };
+        }
+        // (rx - x rw) x (ry - y rw), scaled so that depth grows by 1.
+        let middle = cross(rx, ry);
+        let depth = dot(middle, self.front.n);
+        let (x_side, y_side) =
+            (scaled(cross(rw, ry), -1.0 / depth), scaled(cross(rx, rw), -1.0 / depth));
+        let corner = [0, 1, 2].map(|i| middle[i] / depth - x_side[i] + y_side[i]);
+        RayFan {
+            direction: corner,
+            direction_across: scaled(x_side, 2.0 / w),
+            direction_down: scaled(y_side, -2.0 / h),
+            ..fan
+        }
     }
 
     /// Pixels that an edge of length 1 along each axis covers in the middle of the image, at depth 1.
@@ -424,6 +488,35 @@ mod tests {
                     prop_assert!(views.voxel_size(0, brick).is_some(), "{:?}", brick);
                 }
             }
+        }
+
+        /// The fan of rays is the rays, whatever the projection.
+        #[test]
+        fn a_fan_has_the_rays_of_all_pixels(
+            position in [-300.0..500.0, -300.0..500.0, -300.0..500.0_f64],
+            target in [0.0..256.0, 0.0..256.0, 0.0..256.0_f64],
+            pixel in [0.0..200.0, 0.0..100.0_f64], fov in 1.0..150.0_f64, parallel in any::<bool>(),
+        ) {
+            prop_assume!(unit(difference(target, position)).is_some());
+            let camera = if parallel {
+                orthographic(position, target, fov)
+            } else {
+                perspective(position, target, fov)
+            };
+            let views = set(camera, [1.0; 3]);
+            let projection = &views.projections()[0];
+            let (fan, ray) = (projection.fan(), projection.ray(pixel));
+            let at = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
+                [0, 1, 2].map(|i| a[i] + pixel[0] * b[i] + pixel[1] * c[i])
+            };
+            let origin = at(fan.origin, fan.origin_across, fan.origin_down);
+            let direction = at(fan.direction, fan.direction_across, fan.direction_down);
+            let direction = unit(direction).unwrap();
+            for axis in 0..3 {
+                prop_assert!((origin[axis] - ray.origin[axis]).abs() < 1e-7);
+                prop_assert!((direction[axis] - ray.direction[axis]).abs() < 1e-9);
+            }
+            prop_assert_eq!(fan.parallel, parallel);
         }
 
         #[test]

@@ -1,0 +1,239 @@
+//! A store, its loader and a backend: frame by frame until nothing is left to load.
+
+use crate::backend::{Backend, Drawing, Drawn};
+use crate::error::RenderError;
+use crate::picture::Picture;
+use crate::transfer::TransferTable;
+use crate::view::Look;
+use octree_store::Geometry;
+use octree_store::loader::{
+    BrickSource, Criterion, Event, Feedback, Loader, LoaderOptions, NodeData, Quality, Scene,
+    SpatialIndex, Statistics, View,
+};
+use serde::Serialize;
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How much a renderer may take.
+#[derive(Debug, Clone, Copy)]
+pub struct RendererOptions {
+    /// Slots of the brick pool.
+    pub slots: usize,
+    /// Bytes of decoded bricks in memory.
+    pub memory_bytes: usize,
+    /// Whether only what rays reached is refined.
+    pub visibility: bool,
+    /// Threads that read bricks.
+    pub threads: usize,
+}
+
+impl Default for RendererOptions {
+    fn default() -> Self {
+        let LoaderOptions { slots, memory_bytes, threads, .. } = LoaderOptions::default();
+        Self { slots, memory_bytes, visibility: true, threads }
+    }
+}
+
+impl RendererOptions {
+    /// The slots, or as many as a volume so folded can use, if those are fewer.
+    pub fn slots_for(&self, geometry: &Geometry) -> usize {
+        let bricks = usize::try_from(geometry.bricks()).unwrap_or(usize::MAX);
+        self.slots.min(bricks.saturating_add(9))
+    }
+}
+
+/// What rendering took. Counts and times since the renderer was made.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Effort {
+    /// Leaves of the last frame's cut that have a payload.
+    pub bricks_in_cut: u64,
+    /// Distinct bricks read from the store.
+    pub bricks_loaded: u64,
+    /// Bytes of their payloads.
+    pub bytes_read: u64,
+    /// Frames.
+    pub frames: u64,
+    /// Milliseconds of the last frame.
+    pub frame_ms: f64,
+    /// Milliseconds of all uploads.
+    pub upload_ms: f64,
+    /// Milliseconds of the last frame on the device.
+    pub gpu_ms: Option<f64>,
+}
+
+/// One frame.
+#[derive(Debug)]
+pub struct Rendered {
+    /// The picture, as good as what is in core.
+    pub picture: Picture,
+    /// Whether nothing is left to load.
+    pub converged: bool,
+    /// Whether the cut is coarser than asked for, for want of room.
+    pub limited: bool,
+    /// What went wrong, in words.
+    pub problems: Vec<String>,
+}
+
+/// Draws one store.
+#[derive(Debug)]
+pub struct Renderer {
+    loader: Loader,
+    backend: Box<dyn Backend>,
+    visibility: bool,
+    table: Option<(Look, TransferTable)>,
+    effort: Effort,
+}
+
+/// The longest that a frame waits for data when nothing else is to be done.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+impl Renderer {
+    /// A renderer of a store, or of another source of bricks. The backend's pool must have as many slots as [`RendererOptions::slots_for`] says.
+    ///
+    /// # Errors
+    /// When the options leave too little to work with.
+    pub fn new(
+        source: impl BrickSource,
+        backend: Box<dyn Backend>,
+        options: &RendererOptions,
+    ) -> Result<Self, RenderError> {
+        let loader_options = LoaderOptions {
+            slots: options.slots_for(source.geometry()),
+            memory_bytes: options.memory_bytes,
+            threads: options.threads,
+            visibility: options.visibility,
+            linger_frames: 2,
+            uploads_per_frame: 4096,
+            ..LoaderOptions::default()
+        };
+        Ok(Self {
+            loader: Loader::new(source, loader_options)?,
+            backend,
+            visibility: options.visibility,
+            table: None,
+            effort: Effort::default(),
+        })
+    }
+
+    /// What it took so far.
+    pub fn effort(&self) -> &Effort {
+        &self.effort
+    }
+
+    /// What the loader did so far.
+    pub fn statistics(&self) -> &Statistics {
+        self.loader.statistics()
+    }
+
+    /// What draws.
+    pub fn backend(&self) -> &dyn Backend {
+        &*self.backend
+    }
+
+    /// Draws one frame with what is in core, and asks for what is not.
+    ///
+    /// # Errors
+    /// When the look is none, or the device fails.
+    pub fn frame(
+        &mut self,
+        view: &View,
+        look: &Look,
+        ends: Option<&[f32]>,
+    ) -> Result<Rendered, RenderError> {
+        let started = Instant::now();
+        let (index, converged, problems) = self.load(view, look)?;
+        let Drawn { picture, seen, device_secs } = self.draw(&index, view, look, ends)?;
+        self.loader.feedback(index.serial(), Feedback::Nodes(&seen));
+        self.effort.frames += 1;
+        self.effort.gpu_ms = device_secs.map(|secs| secs * 1e3);
+        self.effort.frame_ms = started.elapsed().as_secs_f64() * 1e3;
+        self.count(&index);
+        let limited = self.loader.statistics().limited;
+        Ok(Rendered { picture, converged, limited, problems })
+    }
+
+    /// Draws frames until nothing is left to load, or for so long; `watch` sees each. Without visibility only the last is drawn.
+    ///
+    /// # Errors
+    /// When the look is none, or the device fails.
+    pub fn converge(
+        &mut self,
+        view: &View,
+        look: &Look,
+        ends: Option<&[f32]>,
+        at_most: Option<Duration>,
+        mut watch: impl FnMut(&Rendered),
+    ) -> Result<Rendered, RenderError> {
+        let started = Instant::now();
+        let mut problems = Vec::new();
+        let late = || at_most.is_some_and(|limit| started.elapsed() >= limit);
+        if !self.visibility {
+            loop {
+                let (_, converged, new) = self.load(view, look)?;
+                problems.extend(new);
+                if converged || late() {
+                    break;
+                }
+                self.loader.wait(PATIENCE);
+            }
+        }
+        loop {
+            let mut rendered = self.frame(view, look, ends)?;
+            watch(&rendered);
+            problems.append(&mut rendered.problems);
+            if rendered.converged || late() {
+                return Ok(Rendered { problems, ..rendered });
+            }
+            if self.loader.unread() > 0 {
+                self.loader.wait(PATIENCE);
+            }
+        }
+    }
+
+    /// A frame of the loader, and its uploads.
+    fn load(
+        &mut self,
+        view: &View,
+        look: &Look,
+    ) -> Result<(Arc<SpatialIndex>, bool, Vec<String>), RenderError> {
+        look.check()?;
+        let appearance = look.appearance();
+        let views = std::slice::from_ref(view);
+        let quality = Quality { accuracy: look.accuracy, criterion: Criterion::ProjectedSize };
+        let frame =
+            self.loader.frame(&Scene { views, clip: look.clip, appearance: &appearance, quality });
+        let started = Instant::now();
+        self.backend.upload(&frame.uploads)?;
+        self.effort.upload_ms += started.elapsed().as_secs_f64() * 1e3;
+        let problems = frame.events.into_iter().map(|event| match event {
+            Event::Damaged { error, .. } => error.to_string(),
+            Event::ThreadsLost { count } => format!("{count} threads that read bricks have ended"),
+        });
+        Ok((frame.index, frame.converged, problems.collect()))
+    }
+
+    fn draw(
+        &mut self,
+        index: &SpatialIndex,
+        view: &View,
+        look: &Look,
+        ends: Option<&[f32]>,
+    ) -> Result<Drawn, RenderError> {
+        if self.table.as_ref().is_none_or(|(made_for, _)| made_for != look) {
+            self.table = Some((look.clone(), TransferTable::of(look)));
+        }
+        let Some((_, table)) = &self.table else { unreachable!("the table was made just now") };
+        self.backend.draw(&Drawing { index, view, look, table, ends })
+    }
+
+    fn count(&mut self, index: &SpatialIndex) {
+        let leaves = index.leaves().filter(|(key, node)| {
+            matches!(node.data, NodeData::Slot(_)) && node.data_level == key.level()
+        });
+        self.effort.bricks_in_cut = leaves.map(|(key, _)| key).collect::<HashSet<_>>().len() as u64;
+        let statistics = self.loader.statistics();
+        self.effort.bricks_loaded = statistics.bricks_read;
+        self.effort.bytes_read = statistics.bytes_read;
+    }
+}

@@ -1,0 +1,160 @@
+//! The shader on a device against its mirror. Without a device these tests say so, and fail where CI is set.
+
+use crate::support::*;
+use octree_store::{Encoding, Store};
+use render_check::gpu::{AdapterChoice, GpuBackend, Sampling, adapters};
+use render_check::picture::Picture;
+use render_check::view::{Filter, Look, Mode, Shading};
+use render_check::{RenderError, Renderer, RendererOptions};
+
+const DIMS: [u64; 3] = [70, 61, 55];
+
+/// A renderer on the first device there is.
+fn on_device(made: &Made, sampling: Sampling) -> Option<Renderer> {
+    let store = Store::open(&made.path).unwrap();
+    let options = RendererOptions::default();
+    let slots = options.slots_for(store.geometry());
+    let choice = AdapterChoice { name: std::env::var("OCTAVO_TEST_ADAPTER").ok() };
+    match GpuBackend::new(&choice, sampling, store.geometry(), store.metadata(), slots) {
+        Ok(backend) => Some(Renderer::new(store, Box::new(backend), &options).unwrap()),
+        Err(error) => {
+            assert!(std::env::var("CI").as_deref() != Ok("true"), "{error}");
+            eprintln!("not tested: {error}");
+            None
+        }
+    }
+}
+
+/// The device's picture against the mirror's: at most 2/255 anywhere and 0.1/255 in the mean. Of surfaces, a thousandth
+/// of the pixels may differ by more, and are listed: at silhouettes one of the two may miss.
+fn assert_alike(what: &str, device: &Picture, mirror: &Picture, surface: bool) {
+    let (a, b) = (device.over([0.2, 0.3, 0.4]), mirror.over([0.2, 0.3, 0.4]));
+    let apart =
+        |(p, q): (&[f32; 3], &[f32; 3])| (0..3).map(|c| (p[c] - q[c]).abs()).fold(0.0, f32::max);
+    let all: Vec<f32> = a.pixels.iter().zip(&b.pixels).map(apart).collect();
+    let far: Vec<usize> = (0..all.len()).filter(|&i| all[i] > 2.0 / 255.0).collect();
+    for &i in &far {
+        println!("{what}: pixel {i}: {:?} and {:?}", a.pixels[i], b.pixels[i]);
+    }
+    let allowed = if surface { all.len() / 1000 } else { 0 };
+    assert!(far.len() <= allowed, "{what}: {} pixels differ", far.len());
+    let mean = all.iter().sum::<f32>() / all.len() as f32;
+    let worst = all.iter().copied().fold(0.0, f32::max);
+    println!("{what}: worst {worst:e}, mean {mean:e}");
+    assert!(mean <= 0.1 / 255.0, "{what}: mean {mean}");
+}
+
+#[test]
+fn the_device_draws_what_its_mirror_draws_in_every_mode() {
+    for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+        let made = make_u16(DIMS, Folding { encoding, ..Folding::default() }, blob(DIMS));
+        let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+        for (name, look) in looks() {
+            for shading in [None, Some(Shading::default())] {
+                for mode in [Mode::Dvr, Mode::Iso(420.0), Mode::Mip] {
+                    for (filter, distance) in
+                        [(Filter::Trilinear, 150.0), (Filter::Quadrilinear, 400.0)]
+                    {
+                        let look = Look { mode, shading, filter, ..look.clone() };
+                        let view = perspective(&made, [0.3, -0.5, -1.0], distance, [96, 80]);
+                        let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+                        let mirror = made.mirrored(&view, &look);
+                        let what = format!("{encoding:?} {name} {mode:?} {filter:?} {shading:?}");
+                        let surface = matches!(mode, Mode::Iso(_));
+                        assert_alike(&what, &device.picture, &mirror.picture, surface);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn texture_units_come_near() {
+    for encoding in [Encoding::Quantised8, Encoding::Lossless] {
+        let made = make_u16(DIMS, Folding { encoding, ..Folding::default() }, blob(DIMS));
+        let Some(mut renderer) = on_device(&made, Sampling::Hardware) else { return };
+        for (name, look) in looks() {
+            let view = perspective(&made, [0.3, -0.5, -1.0], 150.0, [96, 80]);
+            let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+            let found = compared(&device.picture, &made.mirrored(&view, &look).picture);
+            println!("{encoding:?} {name}: {found:?}");
+            assert!(found.reaches(45.0), "{encoding:?} {name}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn a_ray_of_200_000_steps_is_not_cut_short() {
+    // Values vary from voxel to voxel, so that no brick is uniform; extinction does not.
+    let made =
+        make_u16([64, 8, 8], Folding::default(), |[x, y, z]| ((x * 7 + y * 3 + z) % 90) as u16);
+    let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+    let constant = transfer(&[(0.0, [1.0; 3], 2.0 / 64.0)]);
+    let look = Look {
+        step_voxels: 64.0 / 200_000.0,
+        filter: Filter::Trilinear,
+        ..Look::new(constant, [0.0, 90.0])
+    };
+    let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [8, 8]);
+    let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+    for color in &device.picture.colors {
+        let expected = -f32::exp_m1(-2.0);
+        assert!((color[3] - expected).abs() < 2e-3, "{} {expected}", color[3]);
+    }
+}
+
+#[test]
+fn a_slab_on_the_device_leaves_exp_of_minus_its_depth() {
+    let made =
+        make_u16([64, 8, 8], Folding::default(), |[x, y, z]| ((x * 7 + y * 3 + z) % 90) as u16);
+    let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+    for depth in [1e-7, 1e-5, 1e-3, 0.1, 1.0, 5.0, 30.0, 1e3_f64] {
+        let constant = transfer(&[(0.0, [0.5, 1.0, 0.25], depth / 64.0)]);
+        let look = Look { filter: Filter::Trilinear, ..Look::new(constant, [0.0, 90.0]) };
+        let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [8, 8]);
+        let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+        let expected = -f64::exp_m1(-depth);
+        for color in &device.picture.colors {
+            // A ray ends where less than 1e-4 of the light is left.
+            let bound = if depth > 9.0 { 1.1e-4 } else { 1e-5 * expected };
+            let alpha = f64::from(color[3]);
+            assert!((alpha - expected).abs() <= bound, "{depth}: {alpha} {expected}");
+        }
+    }
+}
+
+#[test]
+fn rays_end_where_a_depth_image_says() {
+    let made = make_u16(DIMS, Folding::default(), blob(DIMS));
+    let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+    let [_, (_, look)] = looks();
+    let view = perspective(&made, [0.0, 0.0, -1.0], 150.0, [40, 32]);
+    let ends: Vec<f32> = (0..40 * 32).map(|i| if i % 2 == 0 { 150.0 } else { 10.0 }).collect();
+    let device = renderer.converge(&view, &look, Some(&ends), None, |_| {}).unwrap().picture;
+    let mut mirror = made.renderer(&RendererOptions::default());
+    let mirror = mirror.converge(&view, &look, Some(&ends), None, |_| {}).unwrap().picture;
+    assert_alike("ends", &device, &mirror, false);
+    let whole = made.mirrored(&view, &look).picture;
+    for i in 0..ends.len() {
+        if i % 2 == 1 {
+            assert_eq!(device.colors[i], [0.0; 4]);
+        } else {
+            assert!(device.colors[i][3] <= whole.colors[i][3] + 1e-5);
+        }
+    }
+    let middle = 16 * 40 + 20;
+    assert!(device.colors[middle][3] < 0.8 * whole.colors[middle][3]);
+}
+
+#[test]
+fn an_adapter_that_is_not_there_is_said_to_be_so_with_what_to_install() {
+    let made = make_u8([8; 3], Folding::default(), |_| 3);
+    let store = Store::open(&made.path).unwrap();
+    let choice = AdapterChoice { name: Some("no such adapter".to_owned()) };
+    let (geometry, metadata) = (store.geometry(), store.metadata());
+    let error = GpuBackend::new(&choice, Sampling::Manual, geometry, metadata, 9).unwrap_err();
+    assert!(matches!(error, RenderError::NoAdapter { .. }));
+    assert!(error.to_string().contains("mesa-vulkan-drivers"), "{error}");
+    println!("{:?}", adapters());
+}

@@ -1,0 +1,63 @@
+//! The mirror of the shader, over a store's bricks, against the reference over the source.
+
+use crate::support::*;
+use octree_store::Encoding;
+use render_check::RendererOptions;
+use render_check::view::{Look, Mode, Shading};
+
+const DIMS: [u64; 3] = [70, 61, 55];
+
+#[test]
+fn a_lossless_store_looks_like_its_source() {
+    let made = make_u16(DIMS, Folding::default(), blob(DIMS));
+    for (name, look) in looks() {
+        for shading in [None, Some(Shading::default())] {
+            for mode in [Mode::Dvr, Mode::Iso(420.0), Mode::Mip] {
+                let look = Look { mode, shading, accuracy: 0.5, ..look.clone() };
+                for direction in [[0.3, -0.5, -1.0], [1.0, 0.2, 0.3]] {
+                    let view = perspective(&made, direction, 160.0, [96, 80]);
+                    let rendered = made.mirrored(&view, &look);
+                    assert!(rendered.problems.is_empty() && !rendered.limited);
+                    let found = compared(&rendered.picture, &made.reference(&view, &look));
+                    println!("{name} {mode:?} shaded {} {found:?}", shading.is_some());
+                    assert!(
+                        found.reaches(60.0),
+                        "{name} {mode:?} {shading:?} {direction:?}: {found:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn eight_bits_look_like_the_source_where_a_voxel_covers_a_pixel() {
+    let folding = Folding { encoding: Encoding::Quantised8, ..Folding::default() };
+    let made = make_u16(DIMS, folding, blob(DIMS));
+    for (name, look) in looks() {
+        let look = Look { accuracy: 0.5, ..look };
+        let view = perspective(&made, [0.3, -0.5, -1.0], 120.0, [96, 80]);
+        let found = compared(&made.mirrored(&view, &look).picture, &made.reference(&view, &look));
+        assert!(found.reaches(45.0), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn visibility_changes_what_is_loaded_and_not_the_picture() {
+    let made = make_u16([96; 3], Folding::default(), blob([96; 3]));
+    for (name, look) in looks() {
+        let view = perspective(&made, [0.6, -0.5, -1.0], 170.0, [120, 100]);
+        let mut pictures = Vec::new();
+        let mut loaded = Vec::new();
+        for visibility in [true, false] {
+            let mut renderer =
+                made.renderer(&RendererOptions { visibility, ..RendererOptions::default() });
+            pictures.push(renderer.converge(&view, &look, None, None, |_| {}).unwrap().picture);
+            loaded.push(renderer.effort().bricks_loaded);
+        }
+        let found = compared(&pictures[0], &pictures[1]);
+        println!("{name}: {loaded:?} {found:?}");
+        assert!(found.max_abs_diff < 1.0 / 255.0, "{name}: {found:?}");
+        assert!(loaded[0] <= loaded[1]);
+    }
+}

@@ -1,0 +1,92 @@
+//! Pictures by the program: without Vulkan, and against the source.
+
+use crate::support::Bench;
+
+fn bench() -> Bench {
+    let bench = Bench::new();
+    bench.scan("a_40x33x20_u16.raw");
+    bench.ok("convert a_40x33x20_u16.raw -o a.octavo --brick 16 --encoding lossless");
+    bench
+}
+
+#[test]
+fn a_picture_is_drawn_without_vulkan_and_agrees_with_the_source() {
+    let bench = bench();
+    let said = bench
+        .ok("render a.octavo -o a.png --size 80x60 --backend cpu --against a_40x33x20_u16.raw --diff d.png --depth z.raw --json")
+        .json();
+    assert_eq!((&said["schema"], &said["backend"]), (&"octavo.render/1".into(), &"cpu".into()));
+    for key in ["bricks_in_cut", "bricks_loaded", "bytes_read", "frames"] {
+        assert!(said[key].as_u64().is_some_and(|n| n > 0), "{key}: {said}");
+    }
+    for key in ["frame_ms", "upload_ms", "ssim", "max_abs_diff"] {
+        assert!(said[key].is_number(), "{key}: {said}");
+    }
+    let psnr = said["psnr_db"].as_f64();
+    assert!(psnr.is_none_or(|db| db > 60.0), "{said}");
+    assert_eq!(std::fs::metadata(bench.path("z.raw")).unwrap().len(), 80 * 60 * 4);
+    let png = std::fs::read(bench.path("a.png")).unwrap();
+    assert!(png.windows(11).any(|w| w == b"octavo:view"));
+    let again = bench.run("render a.octavo -o a.png --backend cpu");
+    assert_eq!(again.code, 2, "{}", again.err);
+}
+
+#[test]
+fn every_mode_draws_and_orbits_are_numbered() {
+    let bench = bench();
+    for mode in ["dvr", "iso", "mip"] {
+        bench.ok(&format!(
+            "render a.octavo -o {mode}.png --mode {mode} --size 40x30 --backend cpu --bits 16"
+        ));
+    }
+    bench.ok("render a.octavo -o turn.png --orbit 3 --size 40x30 --backend cpu");
+    let names = bench.names();
+    for name in ["turn0.png", "turn1.png", "turn2.png", "mip.png"] {
+        assert!(names.iter().any(|n| n == name), "{names:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_drawn_is_refused_with_the_reason() {
+    let bench = bench();
+    bench.write("eye.json", br#"{"projection":"fisheye"}"#);
+    bench.write("map.json", br#"{"colormap":"vividis","range":[0,1],"points":[]}"#);
+    for (arguments, reason) in [
+        ("--camera eye.json", "fisheye"),
+        ("--transfer map.json", "viridis"),
+        ("--view sideways", "grazing"),
+        ("--size 0x5", "WxH"),
+        ("--step 0", "step must be above 0"),
+        ("--background 2,0,0", "0 to 1"),
+    ] {
+        let said = bench.run(&format!("render a.octavo -o x.png --backend cpu {arguments}"));
+        assert_eq!(said.code, 2, "{arguments}: {}", said.err);
+        assert!(said.err.contains(reason), "{arguments}: {}", said.err);
+    }
+    let said = bench.run("render a.octavo -o x.png --adapter no_such_adapter");
+    assert_eq!(said.code, 3);
+    assert!(
+        said.err.contains("mesa-vulkan-drivers") && said.err.contains("--backend cpu"),
+        "{}",
+        said.err
+    );
+    assert!(!bench.names().iter().any(|name| name == "x.png"));
+}
+
+#[test]
+fn render_check_says_yes_to_a_store_of_its_source_and_no_to_another() {
+    let bench = bench();
+    let yes = bench
+        .ok("render-check a.octavo --against a_40x33x20_u16.raw -o pictures --backend cpu --json")
+        .json();
+    assert_eq!(yes["ok"], true, "{yes}");
+    assert_eq!(yes["pictures"].as_array().unwrap().len(), 33);
+    let page = std::fs::read_to_string(bench.path("pictures/index.html")).unwrap();
+    assert!(page.contains("z_low_opaque_difference.png"));
+    assert!(bench.path("pictures/z_low_opaque_difference.png").exists());
+    let mut other = bench.scan("b_40x33x20_u16.raw");
+    other.reverse();
+    bench.write("b_40x33x20_u16.raw", &other);
+    let no = bench.run("render-check a.octavo --against b_40x33x20_u16.raw --backend cpu");
+    assert_eq!(no.code, 1, "{}{}", no.out, no.err);
+}
