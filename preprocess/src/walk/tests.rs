@@ -72,6 +72,7 @@ fn a_slot_is_filled_anew_only_when_all_that_read_it_are_durable() {
         layouts,
         stream_place: WindowPlace::Memory,
         stream_chunk: 4,
+        stream_window_chunks: 0,
         stream_chunks_ahead: 0,
     };
     let pool = crate::pool(2).unwrap();
