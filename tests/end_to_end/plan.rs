@@ -70,5 +70,7 @@ fn memory_of_packed_pages_and_of_few_slices_is_predicted() {
     let bench = Bench::new();
     python("packed.py", &[bench.folder().to_str().unwrap()]);
     let files = ["strips.tif", "whole.tif", "large.tif", "tiles.tif", "zstd", "small", "dicom"];
-    files.iter().for_each(|file| assert_predicted(&bench, file));
+    for file in files {
+        assert_predicted(&bench, file);
+    }
 }
