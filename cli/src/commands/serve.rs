@@ -4,11 +4,12 @@ use crate::exit::Answer;
 use crate::parse;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
+use octree_store::StoreError;
 use serve::{Compressor, Options, ServeError, Server, Token, neuroglancer_link};
 use std::future::Future;
 use std::io::{self, Write};
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Notify;
@@ -66,7 +67,7 @@ enum CompressorName {
 impl Serve {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
         for store in &self.stores {
-            std::fs::metadata(store).with_context(|| store.display().to_string())?;
+            std::fs::metadata(store).map_err(|source| unreadable(store, source))?;
         }
         let options = self.options()?;
         self.log();
@@ -81,7 +82,8 @@ impl Serve {
                     anyhow::Error::new(source).context(format!("{bind} cannot be listened on"))
                 }
             })?;
-            announce(&server)?;
+            // Who started it may have stopped listening; it serves all the same.
+            let _ = announce(&server);
             server.run(stopped()?).await;
             anyhow::Ok(())
         })?;
@@ -103,7 +105,7 @@ impl Serve {
             CompressorName::Zstd => Compressor::Zstd,
         };
         if let Some(file) = &self.token_file {
-            let text = std::fs::read_to_string(file).with_context(|| file.display().to_string())?;
+            let text = std::fs::read_to_string(file).map_err(|source| unreadable(file, source))?;
             let token = Token::new(&text).with_context(|| file.display().to_string())?;
             options.token = Some(token);
         }
@@ -125,6 +127,11 @@ impl Serve {
         // Where a log was set up before, that one stays.
         let _ = tracing_subscriber::registry().with(lines).try_init();
     }
+}
+
+/// The error for a file that was named and cannot be read.
+fn unreadable(path: &Path, source: io::Error) -> StoreError {
+    StoreError::Io { path: path.to_owned(), source }
 }
 
 /// Says where to look.

@@ -50,7 +50,13 @@ async fn zarr(
     path: &str,
     conditions: &Conditions,
 ) -> Result<Response, Problem> {
-    let named = app.catalog.find(name)?;
+    // Some clients know a zarr by its name's ending alone.
+    let bare = name.strip_suffix(".zarr").map(|stem| stem.strip_suffix(".ome").unwrap_or(stem));
+    let found = app.catalog.find(name);
+    let named = match (found, bare) {
+        (Err(_), Some(bare)) => app.catalog.find(bare)?,
+        (found, _) => found?,
+    };
     let geometry = named.dataset.store.geometry();
     let part = flavour.part(path, geometry);
     let part = part.ok_or_else(|| Problem::absent("the volume has no such document or chunk"))?;

@@ -182,6 +182,23 @@ fn a_hot_voxel_lies_in_one_place_of_the_world_at_all_levels_in_all_formats() {
 }
 
 #[test]
+fn a_name_may_end_as_a_zarr_s() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u8>::new([20, 9, 9], 8, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let server = Running::over(folder.path());
+    let pinned = server.get("/v1/datasets").json()[0]["pinned_name"].as_str().unwrap().to_owned();
+    let expected = server.get("/zarr3/v/0/c/0/0/1").body;
+    for name in ["v.zarr".to_owned(), "v.ome.zarr".to_owned(), format!("{pinned}.zarr")] {
+        let reply = server.get(&format!("/zarr3/{name}/0/c/0/0/1"));
+        assert_eq!((reply.status, reply.body), (200, expected.clone()), "{name}");
+    }
+    for name in ["v.ome", "v.zar", "w.zarr", ".zarr"] {
+        server.get(&format!("/zarr3/{name}/zarr.json")).assert_problem(404);
+    }
+}
+
+#[test]
 fn what_is_not_there_is_a_clean_404() {
     let folder = tempfile::tempdir().unwrap();
     Volume::<u8>::new([20, 9, 9], 8, noise)
