@@ -8,6 +8,7 @@
 mod backend;
 pub mod check;
 mod error;
+mod finite;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod picture;
