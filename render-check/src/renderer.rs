@@ -2,6 +2,7 @@
 
 use crate::backend::{Backend, Drawing, Drawn};
 use crate::error::RenderError;
+use crate::finite::finite_brick;
 use crate::picture::Picture;
 use crate::transfer::TransferTable;
 use crate::view::Look;
@@ -81,6 +82,8 @@ pub struct Renderer {
     loader: Loader,
     backend: Box<dyn Backend>,
     visibility: bool,
+    /// Least and greatest value of the volume.
+    value_range: [f64; 2],
     table: Option<(Look, TransferTable)>,
     effort: Effort,
 }
@@ -107,7 +110,10 @@ impl Renderer {
             uploads_per_frame: 4096,
             ..LoaderOptions::default()
         };
+        let metadata = source.metadata();
+        let value_range = [metadata.value_min.unwrap_or(0.0), metadata.value_max.unwrap_or(0.0)];
         Ok(Self {
+            value_range,
             loader: Loader::new(source, loader_options)?,
             backend,
             visibility: options.visibility,
@@ -201,9 +207,12 @@ impl Renderer {
         let appearance = look.appearance();
         let views = std::slice::from_ref(view);
         let quality = Quality { accuracy: look.accuracy, criterion: Criterion::ProjectedSize };
-        let frame =
+        let mut frame =
             self.loader.frame(&Scene { views, clip: look.clip, appearance: &appearance, quality });
         let started = Instant::now();
+        for upload in &mut frame.uploads {
+            upload.brick = finite_brick(&upload.brick, self.value_range);
+        }
         self.backend.upload(&frame.uploads)?;
         self.effort.upload_ms += started.elapsed().as_secs_f64() * 1e3;
         let problems = frame.events.into_iter().map(|event| match event {

@@ -1,6 +1,6 @@
 //! Pictures by the program: without Vulkan, and against the source.
 
-use crate::support::Bench;
+use crate::support::{Bench, sample};
 
 fn bench() -> Bench {
     let bench = Bench::new();
@@ -89,4 +89,16 @@ fn render_check_says_yes_to_a_store_of_its_source_and_no_to_another() {
     bench.write("b_40x33x20_u16.raw", &other);
     let no = bench.run("render-check a.octavo --against b_40x33x20_u16.raw --backend cpu");
     assert_eq!(no.code, 1, "{}{}", no.out, no.err);
+}
+
+#[test]
+fn eight_bits_of_real_scans_look_like_them_where_a_voxel_covers_a_pixel() {
+    for name in ["tooth.nii.gz", "bone.nii.gz"] {
+        let (bench, source) = (Bench::new(), sample(name));
+        bench.ok(&format!("convert {source} -o scan.octavo"));
+        let said = bench
+            .ok(&format!("render scan.octavo -o scan.png --size 200x150 --accuracy 0.1 --backend cpu --against {source} --json"))
+            .json();
+        assert!(said["psnr_db"].as_f64().is_none_or(|db| db >= 45.0), "{name}: {said}");
+    }
 }

@@ -7,6 +7,7 @@ mod gather;
 mod sample;
 
 use crate::error::RenderError;
+use crate::finite::range_of;
 use crate::picture::Picture;
 use crate::transfer::ExactIntegrals;
 use crate::view::{Look, Mode, PixelRay, RayGrid};
@@ -70,6 +71,8 @@ pub(crate) struct Tracer<'a> {
     interpolation: Interpolation,
     grid: RayGrid,
     integrals: ExactIntegrals,
+    /// Least and greatest value, for what is no number; none where all types are whole.
+    range: Option<[f64; 2]>,
 }
 
 /// What a ray has gathered so far.
@@ -95,6 +98,7 @@ impl<'a> Tracer<'a> {
             interpolation,
             grid: RayGrid::new(view, look, volume.dims_xyz, volume.spacing_xyz),
             integrals: ExactIntegrals::new(&look.transfer),
+            range: (!volume.samples.sample_type().is_integer()).then(|| range_of(&volume.samples)),
         }
     }
 
@@ -135,7 +139,7 @@ impl<'a> Tracer<'a> {
     }
 
     fn value(&self, at: DVec3) -> f64 {
-        sample::value(self.volume, at, self.interpolation)
+        sample::value(self.volume, at, self.interpolation, self.range)
     }
 }
 

@@ -1,6 +1,7 @@
 //! Values between voxels; beyond the volume its edge repeats.
 
 use super::SourceVolume;
+use crate::finite::finite;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -16,10 +17,20 @@ pub enum Interpolation {
 }
 
 /// The value at a place in voxels; voxel (0, 0, 0) has its centre at (0.5, 0.5, 0.5).
-pub(super) fn value(volume: &SourceVolume, at: DVec3, interpolation: Interpolation) -> f64 {
+/// What is no number is one of `range`, where that is given.
+pub(super) fn value(
+    volume: &SourceVolume,
+    at: DVec3,
+    interpolation: Interpolation,
+    range: Option<[f64; 2]>,
+) -> f64 {
+    let voxel = |index: usize| {
+        let value = volume.samples.get_f64(index);
+        range.map_or(value, |range| finite(value, range))
+    };
     match interpolation {
-        Interpolation::Trilinear => weigh(volume, at, 0, |t| [1.0 - t, t]),
-        Interpolation::Tricubic => weigh(volume, at, 1, cubic),
+        Interpolation::Trilinear => weigh(volume.dims_xyz, voxel, at, 0, |t| [1.0 - t, t]),
+        Interpolation::Tricubic => weigh(volume.dims_xyz, voxel, at, 1, cubic),
     }
 }
 
@@ -36,7 +47,8 @@ fn cubic(t: f64) -> [f64; 4] {
 
 /// The sum of N^3 voxels from `before` below the place on, by weights along each axis.
 fn weigh<const N: usize>(
-    volume: &SourceVolume,
+    dims_xyz: [u64; 3],
+    voxel: impl Fn(usize) -> f64,
     at: DVec3,
     before: i64,
     weights: impl Fn(f64) -> [f64; N],
@@ -44,7 +56,7 @@ fn weigh<const N: usize>(
     let at = at - 0.5;
     let below = at.floor();
     let weights = (at - below).to_array().map(weights);
-    let [nx, ny, nz] = volume.dims_xyz.map(|n| n as i64);
+    let [nx, ny, nz] = dims_xyz.map(|n| n as i64);
     let place = |axis: usize, i: usize, n: i64| {
         (below[axis] as i64 - before + i as i64).clamp(0, n - 1) as usize
     };
@@ -55,7 +67,7 @@ fn weigh<const N: usize>(
             let row = (z + place(1, j, ny)) * nx as usize;
             let mut along = 0.0;
             for (i, weight) in weights[0].iter().enumerate() {
-                along += weight * volume.samples.get_f64(row + place(0, i, nx));
+                along += weight * voxel(row + place(0, i, nx));
             }
             sum += weights[2][k] * weights[1][j] * along;
         }
@@ -88,12 +100,14 @@ mod tests {
             let p = DVec3::splat(2.0) + (p - p.floor()) * 3.5;
             let [x, y, z] = (p - 0.5).to_array();
             for kind in [Interpolation::Trilinear, Interpolation::Tricubic] {
-                assert!((value(&linear, p, kind) - f(x, y, z)).abs() < 1e-12);
+                assert!((value(&linear, p, kind, None) - f(x, y, z)).abs() < 1e-12);
             }
-            assert!((value(&quadratic, p, Interpolation::Tricubic) - g(x, y, z)).abs() < 1e-11);
+            assert!(
+                (value(&quadratic, p, Interpolation::Tricubic, None) - g(x, y, z)).abs() < 1e-11
+            );
         }
         assert_eq!(
-            value(&quadratic, DVec3::splat(3.5), Interpolation::Trilinear),
+            value(&quadratic, DVec3::splat(3.5), Interpolation::Trilinear, None),
             g(3.0, 3.0, 3.0)
         );
     }

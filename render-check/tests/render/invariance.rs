@@ -189,3 +189,21 @@ fn no_seam_shows_between_levels() {
     println!("second differences: {found}, of the source {truth}");
     assert!(found < truth + 2.0 / 255.0, "{found} {truth}");
 }
+
+#[test]
+fn what_is_no_number_is_drawn_as_the_least_value() {
+    let smooth = blob(DIMS);
+    let value = move |p: [u64; 3]| match (p[0] + 3 * p[1] + 5 * p[2]) % 97 {
+        0 => f32::NAN,
+        1 => f32::NEG_INFINITY,
+        _ => f32::from(smooth(p)),
+    };
+    let made = make_f32(DIMS, Folding::default(), value);
+    let (_, look) = &looks()[1];
+    let look = Look { accuracy: 0.2, ..look.clone() };
+    let view = perspective(&made, [0.5, -0.4, -1.0], 120.0, [64, 48]);
+    let picture = made.mirrored(&view, &look).picture;
+    assert!(picture.colors.iter().flatten().all(|c| c.is_finite()));
+    let found = compared(&picture, &made.reference(&view, &look));
+    assert!(found.reaches(60.0), "{found:?}");
+}

@@ -135,6 +135,10 @@ fn make<T: Sample>(
     }
     let mut metadata = Metadata::new(&geometry, sample_type, folding.encoding);
     metadata.spacing_xyz = folding.spacing_xyz;
+    let finite = levels[0].iter().map(|v| v.to_f64()).filter(|v| v.is_finite());
+    let (least, greatest) =
+        finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    (metadata.value_min, metadata.value_max) = (Some(least), Some(greatest));
     writer.finish(metadata).unwrap();
     let samples = buffer(levels.swap_remove(0));
     let source = SourceVolume { dims_xyz: dims, spacing_xyz: folding.spacing_xyz, samples };
