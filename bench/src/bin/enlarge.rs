@@ -103,10 +103,8 @@ fn operations_per_sec(threads: usize) -> Result<f64> {
 fn multiply_and_add(lanes: &mut [[f32; 16]; 12], rounds: u32) {
     let mut sums = *lanes;
     for _ in 0..rounds {
-        for sum in &mut sums {
-            for lane in sum.iter_mut() {
-                *lane = *lane * 0.999 + 0.001;
-            }
+        for lane in sums.as_flattened_mut() {
+            *lane = *lane * 0.999 + 0.001;
         }
     }
     *lanes = sums;

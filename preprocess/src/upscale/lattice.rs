@@ -85,12 +85,10 @@ pub(super) fn weigh_rows<F: Real, const N: usize>(
     flat: bool,
     out: &mut [[F; LANES]],
 ) {
-    let length = out.len();
-    let rows = taps.map(|tap| &rows[tap * length..][..length]);
-    for (at, out) in out.iter_mut().enumerate() {
-        let blocks = rows.map(|row| row[at]);
-        for lane in 0..LANES {
-            out[lane] = weigh(blocks.map(|block| block[lane]), weights, flat);
-        }
+    // Flat slices of one length: so the compiler reads whole vectors.
+    let length = out.len() * LANES;
+    let rows = taps.map(|tap| &rows.as_flattened()[tap * length..][..length]);
+    for (i, out) in out.as_flattened_mut().iter_mut().enumerate() {
+        *out = weigh(rows.map(|row| row[i]), weights, flat);
     }
 }

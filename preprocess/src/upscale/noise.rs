@@ -161,28 +161,24 @@ fn add_octave<const PAIRS: usize>(
         }
         for y in 0..ny {
             let out = &mut low[(z * ny + y) * length..][..length];
-            let row = |y: usize| &plane[y * length..][..length];
+            let row = |y: usize| plane[y * length..][..length].as_flattened();
             let pairs = distances.map(|k| [row(y + far - k), row(y + far + k)]);
             let middle = row(y + far);
-            for (i, out) in out.iter_mut().enumerate() {
-                for lane in 0..LANES {
-                    let pairs = pairs.map(|pair| [pair[0][i][lane], pair[1][i][lane]]);
-                    out[lane] = filter_lane(middle[i][lane], pairs, weight, weights);
-                }
+            for (i, out) in out.as_flattened_mut().iter_mut().enumerate() {
+                let pairs = pairs.map(|pair| [pair[0][i], pair[1][i]]);
+                *out = filter_lane(middle[i], pairs, weight, weights);
             }
         }
     }
     for z in 0..nz {
         for y in 0..ny {
             let out = &mut white[(z * ny + y) * length..][..length];
-            let row = |z: usize| &low[(z * ny + y) * length..][..length];
+            let row = |z: usize| low[(z * ny + y) * length..][..length].as_flattened();
             let pairs = distances.map(|k| [row(z + far - k), row(z + far + k)]);
             let middle = row(z + far);
-            for (i, out) in out.iter_mut().enumerate() {
-                for lane in 0..LANES {
-                    let pairs = pairs.map(|pair| [pair[0][i][lane], pair[1][i][lane]]);
-                    out[lane] -= filter_lane(middle[i][lane], pairs, weight, weights);
-                }
+            for (i, out) in out.as_flattened_mut().iter_mut().enumerate() {
+                let pairs = pairs.map(|pair| [pair[0][i], pair[1][i]]);
+                *out -= filter_lane(middle[i], pairs, weight, weights);
             }
         }
     }
@@ -220,10 +216,8 @@ fn add_octave<const PAIRS: usize>(
 
 #[inline(always)]
 fn add(out: &mut [[f32; LANES]], values: &[[f32; LANES]]) {
-    for (out, values) in out.iter_mut().zip(values) {
-        for lane in 0..LANES {
-            out[lane] += values[lane];
-        }
+    for (out, value) in out.as_flattened_mut().iter_mut().zip(values.as_flattened()) {
+        *out += *value;
     }
 }
 

@@ -194,8 +194,7 @@ fn compute_tile<T: Sample, F: Real>(
         contrasts(samples, *dims_xyz, noise.amplitude, steps);
         amplitudes.stretch_x(steps, nx, false);
     }
-    let mut clamped = [0_u32; LANES];
-    let mut total = 0;
+    let mut clamped = 0;
     for y in 0..height {
         values.stretch_y(y, ny, flat);
         if noise.is_some() {
@@ -216,7 +215,7 @@ fn compute_tile<T: Sample, F: Real>(
             if T::TYPE.is_integer() {
                 let in_slices = (core.min[2]..core.max[2]).contains(&(tile.min[2] + z as u64));
                 if in_rows && in_slices {
-                    clamp_counting::<T, F>(&mut values.row, in_core, &mut clamped);
+                    clamped += u64::from(clamp_counting::<T, F>(&mut values.row, in_core));
                 } else {
                     clamp::<T, F>(&mut values.row);
                 }
@@ -241,20 +240,16 @@ fn compute_tile<T: Sample, F: Real>(
                 }
             }
         }
-        // A row of 128 slices cannot overflow a lane.
-        total += clamped.iter().map(|n| u64::from(*n)).sum::<u64>();
-        clamped = [0; LANES];
     }
-    total
+    clamped
 }
 
 /// Adds amplitude times noise.
 #[inline(always)]
 fn add_product<F: Real>(row: &mut [[F; LANES]], amplitudes: &[[F; LANES]], noise: &[[f32; LANES]]) {
-    for ((values, amplitudes), noise) in row.iter_mut().zip(amplitudes).zip(noise) {
-        for lane in 0..LANES {
-            values[lane] += amplitudes[lane] * F::of_f32(noise[lane]);
-        }
+    let factors = amplitudes.as_flattened().iter().zip(noise.as_flattened());
+    for (value, (amplitude, noise)) in row.as_flattened_mut().iter_mut().zip(factors) {
+        *value += *amplitude * F::of_f32(*noise);
     }
 }
 
@@ -269,21 +264,17 @@ fn clamp<T: Sample, F: Real>(row: &mut [[F; LANES]]) {
     }
 }
 
-/// As [`clamp`], and counts what it changes where `counted` is 1.
+/// As [`clamp`]; returns how many it changes where `counted` is 1.
 #[inline(always)]
-fn clamp_counting<T: Sample, F: Real>(
-    row: &mut [[F; LANES]],
-    counted: &[[u32; LANES]],
-    clamped: &mut [u32; LANES],
-) {
+fn clamp_counting<T: Sample, F: Real>(row: &mut [[F; LANES]], counted: &[[u32; LANES]]) -> u32 {
     let (least, greatest) = (F::of(T::LEAST), F::of(T::GREATEST));
-    for (values, counted) in row.iter_mut().zip(counted) {
-        for lane in 0..LANES {
-            let whole = values[lane].round();
-            let above = if whole < least { least } else { whole };
-            let inside = if above > greatest { greatest } else { above };
-            clamped[lane] += counted[lane] & u32::from(inside != whole);
-            values[lane] = inside;
-        }
+    let mut clamped = 0;
+    for (value, counted) in row.as_flattened_mut().iter_mut().zip(counted.as_flattened()) {
+        let whole = value.round();
+        let above = if whole < least { least } else { whole };
+        let inside = if above > greatest { greatest } else { above };
+        clamped += counted & u32::from(inside != whole);
+        *value = inside;
     }
+    clamped
 }
