@@ -321,7 +321,8 @@ impl Render {
 /// Reads a JSON file; errors name it.
 fn read_json<T>(path: &Path, parse: impl FnOnce(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
-    parse(&text).with_context(|| path.display().to_string())
+    // One message with its causes: a RenderError beneath a context would be told without.
+    parse(&text).map_err(|error| anyhow::anyhow!("{}: {error:#}", path.display()))
 }
 
 /// `turn.png` as `turn007.png`.
