@@ -3,7 +3,7 @@
 //! Arithmetic is modulo the word, so every bit of every type comes back; differences are stored zigzag.
 //! The Lorenzo predictor is the difference along x of the difference along y of the difference along z;
 //! outside the brick is 0. The mean of three neighbours adds a third of the noise's variance where Lorenzo's adds
-//! seven times it; undoing it, each word waits for the one before, at some seven cycles a word.
+//! seven times it; undoing it, each word waits for the one before.
 
 use super::filter::Prediction;
 use super::words::Word;
