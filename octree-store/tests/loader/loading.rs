@@ -162,6 +162,27 @@ fn a_short_budget_gives_the_same_cut_whatever_was_seen_before() {
 }
 
 #[test]
+fn a_cut_that_lacks_room_keeps_nothing_less_urgent_that_an_earlier_view_left() {
+    let appearance = opaque_above(100.0, 1.0);
+    let at = |angle: f64, distance: f64| {
+        let position = [45.0 + distance * angle.sin(), 30.0, 37.0 - distance * angle.cos()];
+        [perspective(position, [45.0, 32.0, 37.0], 50.0, [60, 60])]
+    };
+    // A few degrees on, the same bricks are in view, but others are the nearest.
+    for slots in (12..160).step_by(8) {
+        let options = LoaderOptions { slots, prefetch_frames: 0, ..options() };
+        let mut moved = Show::new(Watched::new(volume()), options);
+        for step in 0..4 {
+            let views = at(0.15 * f64::from(step), 80.0 - 4.0 * f64::from(step));
+            let scene = scene(&views, &appearance);
+            let found = leaves(&moved.converge(&scene).0);
+            let cold = Show::new(Watched::new(volume()), options).converge(&scene).0;
+            assert!(found == leaves(&cold), "{slots} slots, step {step}");
+        }
+    }
+}
+
+#[test]
 fn uploads_and_memory_keep_to_their_budgets_in_every_frame() {
     let appearance = opaque_above(100.0, 1.0);
     let brick_bytes = volume().store.geometry().brick_samples();
