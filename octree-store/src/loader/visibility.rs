@@ -10,7 +10,7 @@
 //! children turn out to be hidden where their parent was not (a renderer that does not mark empty leaves can do that),
 //! the view gives up on them after three times.
 
-use super::index::{NodeData, SpatialIndex};
+use super::index::SpatialIndex;
 use super::tree::Tree;
 
 /// One byte for each node of an index.
@@ -37,13 +37,8 @@ impl Feedback<'_> {
 pub(super) fn mark(tree: &mut Tree, index: &SpatialIndex, feedback: Feedback, number: u32) {
     for (at, (&place, &key)) in index.places().iter().zip(index.keys()).enumerate() {
         let octants = feedback.octants(at);
-        // Where nothing was shown nothing was seen. And the tree may have changed since the index was built, and the
-        // place be another's.
-        if octants == 0
-            || index.nodes()[at].data == NodeData::Missing
-            || tree.get(place).key != key
-            || !tree.get(place).is_present()
-        {
+        // The tree may have changed since the index was built, and the place be another's.
+        if octants == 0 || tree.get(place).key != key || !tree.get(place).is_present() {
             continue;
         }
         let node = tree.get_mut(place);

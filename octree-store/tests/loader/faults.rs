@@ -83,6 +83,26 @@ fn a_damaged_brick_harms_only_itself() {
     }
 }
 
+/// With feedback too: nothing is shown in the root's place, but what lies beneath it is whole.
+#[test]
+fn a_damaged_root_does_not_keep_what_lies_beneath_from_being_drawn() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let options = LoaderOptions { visibility: true, ..options() };
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options), &scene).0);
+    let source = Watched::new(volume());
+    let root = volume().store.geometry().root();
+    source.broken.lock().unwrap().insert(root);
+    let (frame, damaged) = converge(&mut Show::new(source, options), &scene);
+    assert_eq!(damaged, [root]);
+    let missing = frame.index.leaves().filter(|(_, node)| node.data == NodeData::Missing);
+    let missing: Vec<NodeKey> = missing.map(|(key, _)| key).collect();
+    assert!(missing.iter().all(|key| whole[key].0 == root.level()), "{missing:?}");
+    assert_eq!(shown(&frame).len(), whole.len());
+    assert!(whole.len() > 100);
+}
+
 /// The same with bytes of the file: each is changed in one brick, and the loader reads the store itself.
 #[test]
 fn a_flipped_bit_in_the_file_is_reported_and_its_parent_is_shown() {

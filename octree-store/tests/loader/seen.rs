@@ -84,6 +84,52 @@ fn occluded_data_is_never_loaded_behind_an_opaque_wall() {
 }
 
 #[test]
+fn nothing_hidden_is_read_ahead_of_a_moving_camera() {
+    let appearance = appearance();
+    let options = LoaderOptions { prefetch_frames: 16, ..options() };
+    let source = Watched::new(walled());
+    let mut show = Show::new(source.clone(), options);
+    let mut ahead = false;
+    // From where everything is coarse enough towards the wall.
+    for step in 0..60 {
+        let position = [-400.0 + 5.0 * f64::from(step), 32.0, 33.0];
+        let views = [perspective(position, [32.0, 32.0, 32.0], 20.0, [90, 90])];
+        show.frame(&scene(&views, &appearance));
+        show.loader.wait(Duration::from_millis(20));
+        let statistics = show.loader.statistics();
+        ahead |= statistics.bricks_read > statistics.bricks_uploaded + statistics.waiting as u64;
+    }
+    assert!(ahead, "something is read ahead");
+    let read = source.read();
+    assert!(read.iter().all(|key| *key == show.geometry.root() || first_x(*key) < 32), "{read:?}");
+}
+
+#[test]
+fn what_was_seen_comes_back_with_the_view_before_any_new_feedback() {
+    let (views, appearance) = (before(), appearance());
+    let mut scene = scene(&views, &appearance);
+    let mut show = Show::new(Watched::new(walled()), options());
+    show.converge(&scene);
+    let accuracy = scene.quality.accuracy;
+    scene.quality.accuracy = 1e9;
+    let mut coarse = show.loader.frame(&scene);
+    for _ in 0..10 {
+        coarse = show.loader.frame(&scene);
+    }
+    assert_eq!(coarse.index.leaves().count(), 1);
+    scene.quality.accuracy = accuracy;
+    let back = show.loader.frame(&scene);
+    // The four children of the root before the wall, and of the others none.
+    let own = |x| {
+        let drawn = back.index.leaves().filter(|(key, node)| {
+            first_x(*key) == x && key.level() == 2 && node.data_level == 2
+        });
+        drawn.count()
+    };
+    assert_eq!((own(0), own(32)), (4, 0));
+}
+
+#[test]
 fn a_newly_exposed_region_is_drawn_at_once_and_fine_within_two_frames_a_level() {
     let appearance = appearance();
     // As if reading and uploading took no time: the frames alone count.
