@@ -92,7 +92,7 @@ fn nothing_hidden_is_read_ahead_of_a_moving_camera() {
     let mut ahead = false;
     // From where everything is coarse enough towards the wall.
     for step in 0..60 {
-        let position = [-400.0 + 5.0 * f64::from(step), 32.0, 33.0];
+        let position = [-1500.0 + 15.0 * f64::from(step), 32.0, 33.0];
         let views = [perspective(position, [32.0, 32.0, 32.0], 20.0, [90, 90])];
         show.frame(&scene(&views, &appearance));
         show.loader.wait(Duration::from_millis(20));
