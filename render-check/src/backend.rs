@@ -89,7 +89,7 @@ impl Backend for CpuBackend {
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError> {
         let Drawing { index, view, look, table, ends } = *drawing;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
-        let frame = Frame::new(&grid, look, &self.geometry, [1, 1])?;
+        let frame = Frame::new(&grid, look, &self.geometry, [1, 1, 1])?;
         let nodes = pack(index, look);
         let seen: Vec<AtomicU32> = nodes.iter().map(|_| AtomicU32::new(0)).collect();
         let scene = Scene {

@@ -2,6 +2,7 @@
 
 use super::adapter::{AdapterChoice, Device};
 use super::buffers::{TileBuffers, buffer, read, rows_of_tile};
+use super::lines::texture_of_words;
 use super::pool::Pool;
 use super::shader::{SHADER, Sampling, constants};
 use crate::backend::{Backend, Drawing, Drawn};
@@ -11,7 +12,10 @@ use crate::ray::{Frame, Variant, pack, table_rows};
 use crate::view::RayGrid;
 use octree_store::loader::{BrickFormat, Upload};
 use octree_store::{Geometry, Metadata};
-use wgpu::{BindingType, Buffer, BufferBindingType, BufferUsages, Features};
+use wgpu::{BindingType, Buffer, BufferBindingType, BufferUsages, Features, TextureFormat};
+
+/// Entries of the table in a line of its texture, as `transfer.wgsl` reads them.
+const TABLE_LINE: usize = 1024;
 
 /// Distances that are none on the device.
 const FAR: f32 = 3e38;
@@ -135,7 +139,7 @@ impl GpuBackend {
     fn bind(
         &self,
         nodes: &Buffer,
-        table: &Buffer,
+        table: &wgpu::TextureView,
         seen: &Buffer,
         tile: &TileBuffers,
     ) -> wgpu::BindGroup {
@@ -145,7 +149,7 @@ impl GpuBackend {
             nodes.as_entire_binding(),
             wgpu::BindingResource::TextureView(&view),
             wgpu::BindingResource::Sampler(&self.sampler),
-            table.as_entire_binding(),
+            wgpu::BindingResource::TextureView(table),
             seen.as_entire_binding(),
             tile.colors.as_entire_binding(),
             tile.depths.as_entire_binding(),
@@ -222,7 +226,7 @@ impl Backend for GpuBackend {
         let Drawing { index, view, look, table, ends } = *drawing;
         let size = view.size;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
-        let frame = Frame::new(&grid, look, &self.geometry, self.pool.slots_xy())?;
+        let frame = Frame::new(&grid, look, &self.geometry, self.pool.slots_xyz())?;
         let pipeline = self.pipeline(Variant::of(look))?;
         let nodes = pack(index, look);
         let all = (size[0] as usize) * (size[1] as usize);
@@ -236,13 +240,20 @@ impl Backend for GpuBackend {
             _ => TileBuffers::new(&self.device, size),
         };
         let node_buffer = self.filled("nodes", bytemuck::cast_slice(&nodes));
-        let table_buffer = self.filled("table", bytemuck::cast_slice(table_rows(table)));
+        let table = bytemuck::cast_slice(table_rows(table));
+        let table = texture_of_words(
+            &self.device,
+            "table",
+            TextureFormat::Rgba32Float,
+            table,
+            3 * TABLE_LINE,
+        );
         let seen_usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
         let seen = buffer(&self.device, "seen", 4 * nodes.len() as u64, seen_usage);
         let back_bytes = 32 + 20 * tile.pixels + seen.size();
         let back_usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let back = buffer(&self.device, "back", back_bytes, back_usage);
-        let group = self.bind(&node_buffer, &table_buffer, &seen, &tile);
+        let group = self.bind(&node_buffer, &table, &seen, &tile);
         let rows = rows_of_tile(size);
         let mut seen_bytes = Vec::new();
         let mut device_secs = None;
@@ -316,12 +327,17 @@ fn bind_layout(device: &Device, filterable: bool) -> wgpu::BindGroupLayout {
     } else {
         wgpu::SamplerBindingType::NonFiltering
     });
+    let table = BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: false },
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    };
     let types = [
         uniform,
         storage(true),
         texture,
         sampler,
-        storage(true),
+        table,
         storage(false),
         storage(false),
         storage(false),

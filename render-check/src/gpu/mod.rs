@@ -3,6 +3,7 @@
 mod adapter;
 mod buffers;
 mod draw;
+mod lines;
 mod pool;
 mod shader;
 

@@ -10,7 +10,7 @@ use wgpu::{Extent3d, Origin3d, TextureFormat};
 pub(super) struct Pool {
     texture: wgpu::Texture,
     side: u32,
-    slots_xy: [u32; 2],
+    slots_xyz: [u32; 3],
     slots: u32,
     format: TextureFormat,
 }
@@ -44,11 +44,11 @@ impl Pool {
             view_formats: &[],
         });
         device.check("making the brick pool")?;
-        Ok(Self { texture, side, slots_xy: [grid[0], grid[1]], slots: slots as u32, format })
+        Ok(Self { texture, side, slots_xyz: grid, slots: slots as u32, format })
     }
 
-    pub(super) fn slots_xy(&self) -> [u32; 2] {
-        self.slots_xy
+    pub(super) fn slots_xyz(&self) -> [u32; 3] {
+        self.slots_xyz
     }
 
     pub(super) fn view(&self) -> wgpu::TextureView {
@@ -70,7 +70,7 @@ impl Pool {
     }
 
     fn write(&self, device: &Device, upload: &Upload) {
-        let [nx, ny] = self.slots_xy;
+        let [nx, ny, _] = self.slots_xyz;
         let at = [upload.slot % nx, upload.slot / nx % ny, upload.slot / (nx * ny)];
         let [x, y, z] = at.map(|n| n * self.side);
         let texels = texels(&upload.brick, self.format);

@@ -58,21 +58,22 @@ pub struct Frame {
     pub(crate) size: [u32; 2],
     /// Slots along x and y of the pool.
     pub(crate) pool: [u32; 2],
+    /// Size of a texel where the pool is 1 wide.
+    pub(crate) texel: [f32; 3],
     /// 1 where rays go on from their states.
     pub(crate) resume: u32,
-    pub(crate) padding: [u32; 3],
 }
 
 /// Width of a volume that voxel numbers of 31 bits allow.
 const WIDEST: u64 = 1 << 30;
 
 impl Frame {
-    /// The block of a view. `pool_slots` are the slots along x and y of the pool.
+    /// The block of a view. `pool_slots` are the slots along x, y and z of the pool.
     pub(crate) fn new(
         grid: &RayGrid,
         look: &Look,
         geometry: &Geometry,
-        pool_slots: [u32; 2],
+        pool_slots: [u32; 3],
     ) -> Result<Self, RenderError> {
         let dims_xyz = geometry.dims_xyz();
         if dims_xyz.iter().any(|n| *n > WIDEST) {
@@ -118,9 +119,9 @@ impl Frame {
             surface: look.surface_color.map(|c| c as f32),
             first_row: 0,
             size: grid.size,
-            pool: pool_slots,
+            pool: [pool_slots[0], pool_slots[1]],
+            texel: pool_slots.map(|n| 1.0 / (f64::from(n) * geometry.brick_side() as f64) as f32),
             resume: 0,
-            padding: [0; 3],
         })
     }
 }

@@ -33,10 +33,8 @@ struct Frame {
     first_row: u32,
     size: vec2<u32>,
     pool: vec2<u32>,
+    texel: vec3<f32>,
     resume: u32,
-    padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
 }
 
 override MODE: u32 = 0u;
@@ -52,7 +50,7 @@ const MIP: u32 = 2u;
 @group(0) @binding(1) var<storage, read> nodes: array<Node>;
 @group(0) @binding(2) var bricks: texture_3d<f32>;
 @group(0) @binding(3) var linear_sampler: sampler;
-@group(0) @binding(4) var<storage, read> table: array<vec4<f32>>;
+@group(0) @binding(4) var table: texture_2d<f32>;
 @group(0) @binding(5) var<storage, read_write> seen: array<atomic<u32>>;
 @group(0) @binding(6) var<storage, read_write> colors: array<vec4<f32>>;
 // In: where rays end, as a distance from the eye. Out: where they were half opaque.

@@ -16,6 +16,8 @@ pub(super) struct Data {
     pub(super) corner: IVec3,
     level: u32,
     values: [f32; 2],
+    /// Texels a voxel of level 0.
+    scale: f32,
 }
 
 /// A leaf's data and those of the two nodes above it.
@@ -27,11 +29,13 @@ pub(super) struct Leaf {
 }
 
 fn data_of(scene: &Scene, node: &RayNode) -> Data {
+    let level = data_level_of(node);
     Data {
         slot: node.slot,
         corner: data_corner_of(node, scene.frame.core),
-        level: data_level_of(node),
+        level,
         values: node.values,
+        scale: 1.0 / (1_u32 << level) as f32,
     }
 }
 
@@ -86,7 +90,7 @@ fn sample(scene: &Scene, data: &Data, at: Vec3) -> f32 {
     if data.slot == UNIFORM {
         return data.values[0];
     }
-    let scaled = at / (1_u32 << data.level) as f32 + (scene.frame.overlap - 0.5);
+    let scaled = at * data.scale + (scene.frame.overlap - 0.5);
     let texel = texels(scene, data, scaled.clamp(Vec3::ZERO, Vec3::splat(scene.frame.side - 1.0)));
     data.values[0] + texel * (data.values[1] - data.values[0])
 }

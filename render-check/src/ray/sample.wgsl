@@ -5,6 +5,8 @@ struct Data {
     corner: vec3<i32>,
     level: u32,
     values: vec2<f32>,
+    texel: vec3<i32>,
+    scale: f32,
 }
 
 struct Leaf {
@@ -14,7 +16,9 @@ struct Leaf {
 }
 
 fn data_of(node: Node) -> Data {
-    return Data(node.slot, data_corner_of(node), data_level_of(node), node.values);
+    let level = data_level_of(node);
+    let scale = 1.0 / f32(1u << level);
+    return Data(node.slot, data_corner_of(node), level, node.values, texel_corner(node.slot), scale);
 }
 
 fn above(node: Node, own: Data) -> Data {
@@ -46,11 +50,10 @@ fn right_level(ray: Ray, station: Station) -> f32 {
     return log2(max(frame.blend_offset + frame.blend_slope * depth, 1e-30));
 }
 
-fn texel_corner(slot: u32) -> vec3<u32> {
-    let x = slot % frame.pool.x;
-    let y = slot / frame.pool.x % frame.pool.y;
-    let z = slot / (frame.pool.x * frame.pool.y);
-    return vec3(x, y, z) * u32(frame.side);
+fn texel_corner(slot: u32) -> vec3<i32> {
+    let row = slot / frame.pool.x;
+    let z = row / frame.pool.y;
+    return vec3<i32>(vec3(slot - row * frame.pool.x, row - z * frame.pool.y, z) * u32(frame.side));
 }
 
 fn texel(at: vec3<i32>, x: i32, y: i32, z: i32) -> f32 {
@@ -63,13 +66,13 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 
 fn texels(data: Data, at: vec3<f32>) -> f32 {
     if HARDWARE {
-        let uvw = (vec3<f32>(texel_corner(data.slot)) + at + 0.5) / vec3<f32>(textureDimensions(bricks));
+        let uvw = (vec3<f32>(data.texel) + at + 0.5) * frame.texel;
         return textureSampleLevel(bricks, linear_sampler, uvw, 0.0).x;
     }
     let last = frame.side - 1.0;
     let below = min(floor(at), vec3(last - 1.0));
     let t = at - below;
-    let i = vec3<i32>(below) + vec3<i32>(texel_corner(data.slot));
+    let i = vec3<i32>(below) + data.texel;
     let x00 = lerp(texel(i, 0, 0, 0), texel(i, 1, 0, 0), t.x);
     let x10 = lerp(texel(i, 0, 1, 0), texel(i, 1, 1, 0), t.x);
     let x01 = lerp(texel(i, 0, 0, 1), texel(i, 1, 0, 1), t.x);
@@ -81,7 +84,7 @@ fn sample(data: Data, at: vec3<f32>) -> f32 {
     if data.slot == UNIFORM {
         return data.values.x;
     }
-    let scaled = at / f32(1u << data.level) + (frame.overlap - 0.5);
+    let scaled = at * data.scale + (frame.overlap - 0.5);
     let found = texels(data, clamp(scaled, vec3(0.0), vec3(frame.side - 1.0)));
     return data.values.x + found * (data.values.y - data.values.x);
 }

@@ -87,20 +87,26 @@ fn inside(frame: &Frame, cell: IVec3) -> IVec3 {
     cell.clamp(IVec3::ZERO, IVec3::from_array(frame.dims) - 1)
 }
 
+/// A station's place from the corner of a leaf's brick.
+fn place_in(leaf: &Leaf, ray: &Ray, station: Station) -> Vec3 {
+    relative(place_at(ray, station), leaf.own.corner)
+}
+
 /// The segment from the last sample to a station, and the value there.
+#[allow(clippy::too_many_arguments, reason = "as its twin has them")]
 fn advance(
     scene: &Scene,
     leaf: &Leaf,
     ray: &Ray,
     state: &mut State,
     last: &mut Entry,
+    at_from: Vec3,
     station: Station,
+    at: Vec3,
 ) {
     let done = Station { index: state.done_index, part: state.done_part };
-    let at_from = relative(place_at(ray, done), leaf.own.corner);
-    let at_to = relative(place_at(ray, station), leaf.own.corner);
-    let value = value_of(scene, leaf, at_to, right_level(scene, ray, station));
-    let segment = Segment { from: done, to: station, at_from, at_to };
+    let value = value_of(scene, leaf, at, right_level(scene, ray, station));
+    let segment = Segment { from: done, to: station, at_from, at_to: at };
     gather(scene, leaf, ray, &segment, state, last, value);
     state.done_index = station.index;
     state.done_part = station.part;
@@ -112,7 +118,10 @@ fn close(scene: &Scene, ray: &Ray, state: &mut State, last: &mut Entry, end: Sta
     let stride = stride_of(node);
     let next = Station { index: (state.done_index / stride + 1) * stride, part: 0.0 };
     let station = if is_before(end, next) { end } else { next };
-    advance(scene, &leaf_of(scene, node), ray, state, last, station);
+    let leaf = leaf_of(scene, node);
+    let done = Station { index: state.done_index, part: state.done_part };
+    let (at_from, at) = (place_in(&leaf, ray, done), place_in(&leaf, ray, station));
+    advance(scene, &leaf, ray, state, last, at_from, station, at);
     state.flags = 0;
 }
 
@@ -127,7 +136,7 @@ fn open(
 ) {
     let done = Station { index: state.done_index, part: state.done_part };
     let station = if is_before(done, before) { before } else { done };
-    let at = relative(place_at(ray, station), leaf.own.corner);
+    let at = place_in(leaf, ray, station);
     let value = value_of(scene, leaf, at, right_level(scene, ray, station));
     begin(scene, ray, station, state, last, value);
     state.done_index = station.index;
@@ -162,6 +171,10 @@ fn trace(scene: &Scene, ray: &Ray, state: &mut State) -> bool {
                 open(scene, &leaf, ray, state, &mut last, before);
             }
             state.before = state.node;
+            let done = Station { index: state.done_index, part: state.done_part };
+            let mut at_from = place_in(&leaf, ray, done);
+            // Within a leaf f32 is exact enough: what it adds is lost with the next leaf.
+            let at_first = place_in(&leaf, ray, Station { index: first, part: 0.0 });
             let beyond = exit.min(end.index + 1);
             let mut index = first;
             while index < beyond {
@@ -173,7 +186,9 @@ fn trace(scene: &Scene, ray: &Ray, state: &mut State) -> bool {
                 budget -= 1;
                 let station = Station { index, part: 0.0 };
                 if is_before(Station { index: state.done_index, part: state.done_part }, station) {
-                    advance(scene, &leaf, ray, state, &mut last, station);
+                    let at = at_first + (index - first) as f32 * ray.step;
+                    advance(scene, &leaf, ray, state, &mut last, at_from, station, at);
+                    at_from = at;
                     if state.left < OPAQUE {
                         return true;
                     }
@@ -186,7 +201,8 @@ fn trace(scene: &Scene, ray: &Ray, state: &mut State) -> bool {
                 }
             }
             if ends && is_before(Station { index: state.done_index, part: state.done_part }, end) {
-                advance(scene, &leaf, ray, state, &mut last, end);
+                let at = place_in(&leaf, ray, end);
+                advance(scene, &leaf, ray, state, &mut last, at_from, end, at);
             }
         }
         if ends || state.left < OPAQUE {

@@ -37,12 +37,14 @@ fn inside(cell: vec3<i32>) -> vec3<i32> {
     return clamp(cell, vec3(0i), frame.dims - 1);
 }
 
-fn advance(leaf: Leaf, ray: Ray, state: ptr<function, State>, last: ptr<function, Entry>, station: Station) {
+fn place_in(leaf: Leaf, ray: Ray, station: Station) -> vec3<f32> {
+    return relative(place_at(ray, station), leaf.own.corner);
+}
+
+fn advance(leaf: Leaf, ray: Ray, state: ptr<function, State>, last: ptr<function, Entry>, at_from: vec3<f32>, station: Station, at: vec3<f32>) {
     let done = Station((*state).done_index, (*state).done_part);
-    let at_from = relative(place_at(ray, done), leaf.own.corner);
-    let at_to = relative(place_at(ray, station), leaf.own.corner);
-    let value = value_of(leaf, at_to, right_level(ray, station));
-    let segment = Segment(done, station, at_from, at_to);
+    let value = value_of(leaf, at, right_level(ray, station));
+    let segment = Segment(done, station, at_from, at);
     gather(leaf, ray, segment, state, last, value);
     (*state).done_index = station.index;
     (*state).done_part = station.part;
@@ -55,7 +57,9 @@ fn close(ray: Ray, state: ptr<function, State>, last: ptr<function, Entry>, end:
     if is_before(end, station) {
         station = end;
     }
-    advance(leaf_of(node), ray, state, last, station);
+    let leaf = leaf_of(node);
+    let done = Station((*state).done_index, (*state).done_part);
+    advance(leaf, ray, state, last, place_in(leaf, ray, done), station, place_in(leaf, ray, station));
     (*state).flags = 0u;
 }
 
@@ -64,8 +68,7 @@ fn open(leaf: Leaf, ray: Ray, state: ptr<function, State>, last: ptr<function, E
     if is_before(station, before) {
         station = before;
     }
-    let at = relative(place_at(ray, station), leaf.own.corner);
-    let value = value_of(leaf, at, right_level(ray, station));
+    let value = value_of(leaf, place_in(leaf, ray, station), right_level(ray, station));
     begin(ray, station, state, last, value);
     (*state).done_index = station.index;
     (*state).done_part = station.part;
@@ -96,6 +99,8 @@ fn trace(ray: Ray, state: ptr<function, State>) -> bool {
                 open(leaf, ray, state, &last, Station(first - stride, 0.0));
             }
             (*state).before = (*state).node;
+            var at_from = place_in(leaf, ray, Station((*state).done_index, (*state).done_part));
+            let at_first = place_in(leaf, ray, Station(first, 0.0));
             let beyond = min(exit, end.index + 1);
             var index = first;
             while index < beyond {
@@ -107,7 +112,9 @@ fn trace(ray: Ray, state: ptr<function, State>) -> bool {
                 budget -= 1;
                 let station = Station(index, 0.0);
                 if is_before(Station((*state).done_index, (*state).done_part), station) {
-                    advance(leaf, ray, state, &last, station);
+                    let at = at_first + f32(index - first) * ray.step;
+                    advance(leaf, ray, state, &last, at_from, station, at);
+                    at_from = at;
                     if (*state).left < OPAQUE {
                         return true;
                     }
@@ -119,7 +126,7 @@ fn trace(ray: Ray, state: ptr<function, State>) -> bool {
                 }
             }
             if ends && is_before(Station((*state).done_index, (*state).done_part), end) {
-                advance(leaf, ray, state, &last, end);
+                advance(leaf, ray, state, &last, at_from, end, place_in(leaf, ray, end));
             }
         }
         if ends || (*state).left < OPAQUE {

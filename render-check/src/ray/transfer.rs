@@ -55,11 +55,10 @@ pub(super) fn mean(a: &Entry, b: &Entry) -> Vec4 {
 /// exp(-x) and (1 - exp(-x)) / x.
 pub(super) fn decay(x: f32) -> [f32; 2] {
     if x < 0.5 {
-        let share = 1.0
-            - x / 2.0
-                * (1.0
-                    - x / 3.0
-                        * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0 * (1.0 - x / 7.0)))));
+        // Products: divisions are dear, and the terms are the same to a unit or two of the last place.
+        let [c, d, e] = [1.0 / 3.0, 1.0 / 6.0, 1.0 / 7.0];
+        let inner = 1.0 - x * 0.2 * (1.0 - x * d * (1.0 - x * e));
+        let share = 1.0 - x * 0.5 * (1.0 - x * c * (1.0 - x * 0.25 * inner));
         return [1.0 - x * share, share];
     }
     let left = (-x).exp();

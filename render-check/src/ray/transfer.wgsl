@@ -11,7 +11,7 @@ struct Entry {
 const EPSILON: f32 = 1.0 / 64.0;
 
 fn row(entry: i32, which: i32) -> vec4<f32> {
-    return table[3 * entry + which];
+    return textureLoad(table, vec2(3 * (entry & 1023) + which, entry >> 10u), 0);
 }
 
 fn entry_at(value: f32) -> Entry {
@@ -43,8 +43,8 @@ fn mean(a: Entry, b: Entry) -> vec4<f32> {
 fn decay(x: f32) -> vec2<f32> {
     if x < 0.5 {
         let share = 1.0
-            - x / 2.0
-                * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0 * (1.0 - x / 7.0)))));
+            - x * 0.5
+                * (1.0 - x * (1.0 / 3.0) * (1.0 - x * 0.25 * (1.0 - x * 0.2 * (1.0 - x * (1.0 / 6.0) * (1.0 - x * (1.0 / 7.0))))));
         return vec2(1.0 - x * share, share);
     }
     let left = exp(-x);
