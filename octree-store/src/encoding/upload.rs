@@ -95,12 +95,11 @@ impl Decoding {
                 let quantiser = self.bounded::<T>(record)?;
                 let format = if record.bits <= 8 { UploadFormat::R8 } else { UploadFormat::R16 };
                 let (scale, offset) = quantiser.value_map();
-                let last = offset + f64::from(quantiser.last()) * scale;
-                let clamped = (min - offset).max(last - max).max(0.0);
                 let rounded =
                     if T::TYPE.is_integer() { 0.0 } else { rounding::<T>(magnitude + scale) };
+                // On the lattice the ends reach up to half a step beyond the range, and halo is coded again.
                 let again = if self.stored_overlap() { 0.0 } else { scale / 2.0 };
-                map(format, scale, offset, clamped.max(again) + rounded)
+                map(format, scale, offset, again + rounded)
             }
             Coding::Lossless => match T::TYPE {
                 SampleType::U8 => map(UploadFormat::R8, 1.0, 0.0, 0.0),
