@@ -3,6 +3,7 @@
 mod chart;
 mod commands;
 mod exit;
+mod numbers;
 mod parse;
 mod picture;
 mod progress;

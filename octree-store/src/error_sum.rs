@@ -40,8 +40,10 @@ impl ErrorSum {
     /// Counts one voxel's error.
     #[inline]
     pub fn add(&mut self, error: f64) {
+        // The difference of the widest values overflows.
+        let error = error.clamp(f64::MIN, f64::MAX);
         self.voxels += 1;
-        let amax = self.amax.max(error.abs()).min(f64::MAX);
+        let amax = self.amax.max(error.abs());
         self.squares = self.squares_in_scale_of(amax);
         self.amax = amax;
         let scaled = error * scale(amax);
@@ -96,7 +98,7 @@ impl ErrorSum {
         if self.voxels == 0 {
             return 0.0;
         }
-        (self.squares / self.voxels as f64).sqrt() / scale(self.amax)
+        ((self.squares / self.voxels as f64).sqrt() / scale(self.amax)).min(f64::MAX)
     }
 
     /// Peak signal to noise ratio in dB with `peak` = value range; `None` without error or range.
@@ -177,6 +179,16 @@ mod tests {
     }
 
     #[test]
+    fn an_error_that_overflows_is_the_greatest_there_is() {
+        let mut sum = ErrorSum::default();
+        sum.add_all(&[f64::MAX, f64::MIN], &[f64::MIN, f64::MAX]);
+        assert_eq!((sum.voxels, sum.amax, sum.rms()), (2, f64::MAX, f64::MAX));
+        let mut total = ErrorTotal::default();
+        total.add(&sum);
+        assert_eq!(total.total(), sum);
+    }
+
+    #[test]
     fn exact_and_float_sums_agree() {
         let (source, decoded) = ([0_u16, 3, 65535, 9], [1_u16, 3, 0, 7]);
         let mut exact = ErrorSum::default();
@@ -192,7 +204,8 @@ mod tests {
     fn errors_whose_squares_overflow_or_vanish_have_an_rms() {
         let mut sum = ErrorSum::default();
         // One after the other: below 2^-450, within, and above 2^500, then just above where it changes.
-        for unit in [1e-250, 1.0, 1e200, 2_f64.powi(499)] {
+        let at_the_edges = [1.1 * 2_f64.powi(498), 1.1 * 2_f64.powi(-452)];
+        for unit in [1e-250, 1.0, 1e200, 2_f64.powi(499)].into_iter().chain(at_the_edges) {
             for order in [[3.0, 4.0], [4.0, 3.0]] {
                 let mut sum = ErrorSum::default();
                 for error in order {

@@ -256,7 +256,7 @@ impl Metadata {
     /// PSNR of level 0 in dB, its peak the source's value range; none where nothing was lost.
     pub fn psnr_db(&self) -> Option<f64> {
         let level = self.levels.first()?;
-        let peak = self.value_max? - self.value_min?;
+        let peak = (self.value_max? - self.value_min?).min(f64::MAX);
         (level.rms > 0.0 && peak > 0.0).then(|| 20.0 * (peak / level.rms).log10())
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::PreprocessError;
 use crate::volume::Volume;
-use octree_store::{CompensatedSum, Sample, with_sample_type};
+use octree_store::{ErrorSum, ErrorTotal, Sample, with_sample_type};
 use serde::Serialize;
 
 /// What a comparison found; values in source units.
@@ -54,9 +54,9 @@ fn compare_typed<A: Sample, B: Sample>(
     let (mut slices_a, mut slices_b) = (a.slices::<A>()?, b.slices::<B>()?);
     let mut slice_a = vec![A::default(); (width * height) as usize];
     let mut slice_b = vec![B::default(); (width * height) as usize];
-    let mut squares = CompensatedSum::default();
+    let mut total = ErrorTotal::default();
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    let (mut voxels, mut not_finite, mut not_finite_different, mut different) = (0, 0, 0, 0);
+    let (mut not_finite, mut not_finite_different, mut different) = (0, 0, 0);
     let mut worst: Option<(f64, [u64; 3], [f64; 2])> = None;
     for z in 0..depth {
         slices_a.next(&mut slice_a)?;
@@ -66,7 +66,7 @@ fn compare_typed<A: Sample, B: Sample>(
             .zip(slice_b.chunks_exact(width as usize))
             .enumerate()
         {
-            let mut row_squares = 0.0;
+            let mut row = ErrorSum::default();
             for (x, (va, vb)) in row_a.iter().zip(row_b).enumerate() {
                 let (va, vb) = (va.to_f64(), vb.to_f64());
                 if !(va.is_finite() && vb.is_finite()) {
@@ -74,20 +74,25 @@ fn compare_typed<A: Sample, B: Sample>(
                     not_finite_different += u64::from(va != vb && !(va.is_nan() && vb.is_nan()));
                     continue;
                 }
-                voxels += 1;
                 (low, high) = (low.min(va), high.max(va));
                 let error = vb - va;
-                row_squares += error * error;
+                row.voxels += 1;
+                row.squares += error * error;
+                row.amax = row.amax.max(error.abs());
                 different += u64::from(error != 0.0);
                 if error.abs() > worst.map_or(0.0, |(most, ..)| most) {
                     worst = Some((error.abs(), [x as u64, y as u64, z], [va, vb]));
                 }
             }
-            squares.add(row_squares);
+            if row.amax > 0.0 && !PLAIN.contains(&row.amax) {
+                row = scaled(row_a, row_b);
+            }
+            total.add(&row);
         }
     }
-    let rms = if voxels == 0 { 0.0 } else { (squares.value() / voxels as f64).sqrt() };
-    let peak = high - low;
+    let total = total.total();
+    let (voxels, rms, amax) = (total.voxels, total.rms(), total.amax);
+    let peak = (high - low).min(f64::MAX);
     Ok(Comparison {
         schema: "octavo.compare/1",
         dims_xyz,
@@ -95,10 +100,22 @@ fn compare_typed<A: Sample, B: Sample>(
         not_finite,
         not_finite_different,
         rms,
-        amax: worst.map_or(0.0, |(most, ..)| most),
+        amax,
         psnr_db: (rms > 0.0 && peak > 0.0).then(|| 20.0 * (peak / rms).log10()),
         worst_xyz: worst.map(|(_, xyz, _)| xyz),
         worst_values: worst.map(|(.., values)| values),
         different,
     })
+}
+
+/// Largest errors whose squares neither overflow nor vanish.
+const PLAIN: std::ops::Range<f64> = 1e-130..1e150;
+
+/// The errors of a row, whatever their size.
+fn scaled<A: Sample, B: Sample>(row_a: &[A], row_b: &[B]) -> ErrorSum {
+    let mut row = ErrorSum::default();
+    for (va, vb) in row_a.iter().zip(row_b).filter(|(a, b)| a.is_finite() && b.is_finite()) {
+        row.add(vb.to_f64() - va.to_f64());
+    }
+    row
 }

@@ -364,6 +364,26 @@ fn limits_hold_where_there_is_no_psnr() {
     bench.write("c_4x4x4_f32.raw", &floats(1.0));
     bench.write("d_4x4x4_f32.raw", &floats(f32::NAN));
     assert_eq!(bench.run("compare c_4x4x4_f32.raw d_4x4x4_f32.raw --min-psnr 1").code, 1);
+    // What no volume could miss, or none could meet, is no limit.
+    for bad in ["--max-amax nan", "--max-amax=-1", "--min-psnr nan", "--min-psnr inf"] {
+        assert_eq!(
+            bench.run(&format!("compare a_4x4x4_u8.raw b_4x4x4_u8.raw {bad}")).code,
+            2,
+            "{bad}"
+        );
+    }
+}
+
+#[test]
+fn limits_hold_for_the_widest_values() {
+    let bench = Bench::new();
+    let of = |values: [f64; 2]| values.map(f64::to_le_bytes).concat().repeat(32);
+    bench.write("a_4x4x4_f64.raw", &of([f64::MAX, f64::MIN]));
+    bench.write("b_4x4x4_f64.raw", &of([f64::MIN, f64::MAX]));
+    let said = bench.run("compare a_4x4x4_f64.raw b_4x4x4_f64.raw --min-psnr 10 --json");
+    let found = said.json();
+    assert_eq!((said.code, &found["amax"], &found["rms"]), (1, &f64::MAX.into(), &f64::MAX.into()));
+    assert_eq!(found["psnr_db"], 0.0);
 }
 
 #[test]

@@ -237,6 +237,13 @@ fn reports_are_replaced_only_when_asked_and_nothing_is_left_of_what_failed() {
     for bad in ["--max-error=-1", "--max-error=nan", "--wish-error=-2", "--sample=0"] {
         assert_eq!(bench.run(&format!("tradeoff a_40x33x20_u16.raw -o t {bad}")).code, 2, "{bad}");
     }
+    bench.write("file", b"mine");
+    for (place, word) in [("file", "no folder"), ("none/t", "no such folder")] {
+        let refused = bench.run(&format!("tradeoff a_40x33x20_u16.raw -o {place}"));
+        assert_eq!(refused.code, 2, "{}", refused.err);
+        assert!(refused.err.contains(word), "{}", refused.err);
+    }
+    assert_eq!(std::fs::read(bench.path("file")).unwrap(), b"mine");
     std::fs::create_dir(bench.path("t")).unwrap();
     std::fs::write(bench.path("t/report.json"), b"mine").unwrap();
     let refused = bench.run("tradeoff a_40x33x20_u16.raw -o t");
@@ -337,6 +344,10 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         document.documentElement.scrollHeight,width:document.documentElement.scrollWidth,\
         letters:Math.min(...seen.flatMap(s=>[...s.querySelectorAll('text')].map(t=>\
         parseFloat(getComputedStyle(t).fontSize)*s.getBoundingClientRect().width/s.viewBox.baseVal.width))),\
+        wishes:(t=>t.scrollWidth<=t.parentElement.clientWidth)(document.querySelector('.wishes')),\
+        named:[...document.querySelectorAll('.scroll')].every(s=>{s.scrollLeft=9999;const t=s.querySelector('tbody th');\
+        return t.getBoundingClientRect().left>=s.getBoundingClientRect().left&&t.offsetWidth<s.clientWidth/2\
+        ||s.scrollLeft==0}),\
         boxes:seen.map(s=>{const b=s.getBoundingClientRect();\
         return [b.left,b.top,b.right,b.bottom]})})</script></body>";
     let told = bench.write("told.html", page.replace("</body>", script).as_bytes());
@@ -355,6 +366,8 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         let boxes: Value = serde_json::from_str(&boxes).unwrap();
         // Tables scroll within themselves: the page never grows wider than the screen.
         assert_eq!(boxes["width"], width, "{name}");
+        // Wishes and their commands are read without scrolling, and rows keep their names while scrolling.
+        assert_eq!([&boxes["wishes"], &boxes["named"]], [true, true], "{name}");
         assert_eq!(boxes["boxes"].as_array().unwrap().len(), 11, "{name}");
         assert!(boxes["letters"].as_f64().unwrap() >= 11.0, "{name}: {}", boxes["letters"]);
         let height = boxes["height"].as_u64().unwrap();

@@ -2,6 +2,7 @@
 
 use super::{print_json, write_whole};
 use crate::exit::Answer;
+use crate::numbers::{exact, rounded};
 use crate::parse;
 use clap::Args;
 use octree_store::info_json::number;
@@ -93,13 +94,19 @@ fn as_json(record: &NodeRecord, store: &Store) -> serde_json::Value {
 fn print(record: &NodeRecord) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{}: {}", record.key, record.state.name())?;
-    writeln!(out, "  values      {} to {}", record.brick_min, record.brick_max)?;
-    writeln!(out, "  beneath it  {} to {}", record.subtree_min, record.subtree_max)?;
-    writeln!(out, "  error       RMS {:.4}, AMAX {}", record.error.rms(), record.error.amax)?;
+    writeln!(out, "  values      {} to {}", exact(record.brick_min), exact(record.brick_max))?;
+    writeln!(out, "  beneath it  {} to {}", exact(record.subtree_min), exact(record.subtree_max))?;
     writeln!(
         out,
-        "  its level lies within RMS {:.4}, AMAX {:.4} of full resolution",
-        record.lod_rms_bound, record.lod_amax_bound
+        "  error       RMS {}, AMAX {}",
+        rounded(record.error.rms(), 4),
+        exact(record.error.amax)
+    )?;
+    writeln!(
+        out,
+        "  its level lies within RMS {}, AMAX {} of full resolution",
+        rounded(record.lod_rms_bound, 4),
+        rounded(record.lod_amax_bound, 4)
     )?;
     writeln!(out, "  payload     {} bytes, {} bits a sample", record.place.length, record.bits)
 }

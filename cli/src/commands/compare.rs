@@ -2,6 +2,8 @@
 
 use super::{RawArgs, SeriesArgs, by, print_json};
 use crate::exit::Answer;
+use crate::numbers::exact;
+use crate::parse;
 use clap::Args;
 use preprocess::compare::{Comparison, compare};
 use preprocess::{Upscale, Volume};
@@ -26,10 +28,10 @@ pub(super) struct Compare {
     #[command(flatten)]
     series: SeriesArgs,
     /// Largest error allowed, in source units
-    #[arg(long, value_name = "E")]
+    #[arg(long, value_name = "E", value_parser = parse::error_bound)]
     max_amax: Option<f64>,
     /// Least PSNR allowed, in dB
-    #[arg(long, value_name = "D")]
+    #[arg(long, value_name = "D", value_parser = parse::error_bound)]
     min_psnr: Option<f64>,
     /// Print JSON (schema octavo.compare/1)
     #[arg(long)]
@@ -108,9 +110,9 @@ fn print(found: &Comparison) -> io::Result<()> {
         )?;
     }
     let psnr = found.psnr_db.map_or(String::new(), |psnr| format!(", PSNR {psnr:.2} dB"));
-    writeln!(out, "RMS {}, AMAX {}{psnr}", found.rms, found.amax)?;
+    writeln!(out, "RMS {}, AMAX {}{psnr}", exact(found.rms), exact(found.amax))?;
     if let (Some([x, y, z]), Some([a, b])) = (found.worst_xyz, found.worst_values) {
-        writeln!(out, "worst voxel {x},{y},{z}: {a} and {b}")?;
+        writeln!(out, "worst voxel {x},{y},{z}: {} and {}", exact(a), exact(b))?;
     }
     Ok(())
 }

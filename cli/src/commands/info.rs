@@ -2,6 +2,7 @@
 
 use super::{by, human_bytes, print_json};
 use crate::exit::Answer;
+use crate::numbers::{exact, rounded};
 use clap::Args;
 use octree_store::info_json::{InfoJson, bits_per_voxel};
 use octree_store::{Metadata, Store};
@@ -36,15 +37,11 @@ impl Info {
 /// The errors of level 0 in words.
 pub(super) fn error_line(metadata: &Metadata) -> String {
     let Some(level) = metadata.levels.first() else { return String::new() };
+    let errors = format!("RMS {}, AMAX {}", rounded(level.rms, 4), exact(level.amax));
     match metadata.psnr_db() {
-        Some(psnr) => {
-            format!(
-                "RMS {:.4}, AMAX {}, PSNR {psnr:.1} dB at full resolution",
-                level.rms, level.amax
-            )
-        }
+        Some(psnr) => format!("{errors}, PSNR {psnr:.1} dB at full resolution"),
         None if level.amax == 0.0 => "no error at full resolution".into(),
-        None => format!("RMS {:.4}, AMAX {} at full resolution", level.rms, level.amax),
+        None => format!("{errors} at full resolution"),
     }
 }
 
@@ -54,7 +51,8 @@ pub(super) fn overlap_line(metadata: &Metadata) -> Option<String> {
     (!metadata.stored_overlap && metadata.brick_overlap > 0).then(|| {
         format!(
             "assembled overlap within {} of the source, and {} of overlap in a brick's own codes",
-            level.overlap_amax_bound, level.overlap_extra_amax_bound
+            exact(level.overlap_amax_bound),
+            exact(level.overlap_extra_amax_bound)
         )
     })
 }
@@ -74,9 +72,13 @@ fn bits_line(metadata: &Metadata) -> String {
 pub(super) fn dropped_line(metadata: &Metadata) -> String {
     let Metadata { dropped_voxels, empty_value, dropped_rms, dropped_amax, .. } = metadata;
     let range = metadata.dropped_min.zip(metadata.dropped_max);
-    let range = range.map_or_else(String::new, |(min, max)| format!(" of {min} to {max}"));
+    let range = range
+        .map_or_else(String::new, |(min, max)| format!(" of {} to {}", exact(min), exact(max)));
     format!(
-        "{dropped_voxels} voxels{range} in dropped bricks read as {empty_value}: RMS {dropped_rms:.4}, AMAX {dropped_amax}, energy {:.4e} there",
+        "{dropped_voxels} voxels{range} in dropped bricks read as {}: RMS {}, AMAX {}, energy {:.4e} there",
+        exact(*empty_value),
+        rounded(*dropped_rms, 4),
+        exact(*dropped_amax),
         metadata.dropped_energy
     )
 }
@@ -89,8 +91,10 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
     writeln!(out, "spacing      {sx} x {sy} x {sz} {}", metadata.unit.name())?;
     writeln!(out, "affine       {}", if metadata.affine.is_some() { "kept" } else { "none" })?;
     if let (Some(min), Some(max)) = (metadata.value_min, metadata.value_max) {
-        let mean = metadata.value_mean.map_or(String::new(), |mean| format!(", mean {mean:.4}"));
-        writeln!(out, "values       {min} to {max}{mean}")?;
+        let mean = metadata
+            .value_mean
+            .map_or(String::new(), |mean| format!(", mean {}", rounded(mean, 4)));
+        writeln!(out, "values       {} to {}{mean}", exact(min), exact(max))?;
     }
     if metadata.nan_count + metadata.inf_count > 0 {
         writeln!(out, "no numbers   {} NaN, {} infinite", metadata.nan_count, metadata.inf_count)?;
@@ -128,17 +132,17 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
     for level in &metadata.levels {
         writeln!(
             out,
-            "{:5} {:>18} {:>8} {:>8} {:>8} {:>12} {:>10.4} {:>10.4} {:>10.3} {:>10.3}",
+            "{:5} {:>18} {:>8} {:>8} {:>8} {:>12} {:>10} {:>10} {:>10} {:>10}",
             level.level,
             by(level.dims_xyz),
             level.stored,
             level.uniform,
             level.empty,
             human_bytes(level.payload_bytes),
-            level.rms,
-            level.amax,
-            level.lod_rms_bound,
-            level.lod_amax_bound
+            rounded(level.rms, 4),
+            rounded(level.amax, 4),
+            rounded(level.lod_rms_bound, 3),
+            rounded(level.lod_amax_bound, 3)
         )?;
     }
     Ok(())

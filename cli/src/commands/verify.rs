@@ -2,6 +2,7 @@
 
 use super::{RawArgs, SeriesArgs, print_json};
 use crate::exit::Answer;
+use crate::numbers::exact;
 use crate::parse;
 use crate::progress::Bar;
 use clap::Args;
@@ -186,12 +187,16 @@ impl Verify {
             writeln!(out, "{what}")?;
         }
         if let Some(against) = &found.against {
-            writeln!(out, "measured anew: RMS {}, AMAX {}", against.rms, against.amax)?;
+            let [rms, amax] = [against.rms, against.amax].map(exact);
+            writeln!(out, "measured anew: RMS {rms}, AMAX {amax}")?;
             if let Some(overlap) = &against.overlap {
                 writeln!(
                     out,
                     "assembled overlap: RMS {}, AMAX {}; from overlap in a brick's own codes: RMS {}, AMAX {}",
-                    overlap.rms, overlap.amax, overlap.extra_rms, overlap.extra_amax
+                    exact(overlap.rms),
+                    exact(overlap.amax),
+                    exact(overlap.extra_rms),
+                    exact(overlap.extra_amax)
                 )?;
             }
         }

@@ -118,6 +118,77 @@ fn extremes_of_every_type_keep_their_word() {
     assert_every_encoding_keeps_its_word(&[infinite, -infinite]);
 }
 
+/// What a renderer gets of a brick means what a reader gets, as near as the map says, and that is near: within a
+/// few f32 digits of the greatest magnitude, half a unit of an integer, and what a lattice's ends reach beyond.
+fn assert_uploads_mean_what_is_read<T: Sample>(values: &[T]) {
+    let samples = brick(values);
+    let (lowest, highest) = finite_range(&samples).unwrap_or_default();
+    let magnitude = lowest.to_f64().abs().max(highest.to_f64().abs());
+    let range = highest.to_f64() - lowest.to_f64();
+    for error in [None, Some(0.0), Some(0.3), Some(127.5), Some(range / 3.0), Some(range / 900.0)] {
+        let error = error.map(|error| error.min(f64::MAX));
+        for encoding in
+            error.map_or(vec![Encoding::Lossless, Encoding::Quantised8], |e| vec![bound(e)])
+        {
+            let all = std::iter::once(0..samples.len());
+            let key = NodeKey::new(0, [0; 3]);
+            let format = BrickFormat::stored(encoding, Effort::Small);
+            let (mut scratch, mut payload) = (EncodeScratch::default(), Vec::new());
+            let of = finite_range(&samples);
+            let record = encode_brick(key, &samples, format, of, all, &mut scratch, &mut payload);
+            if record.state != BrickState::Stored {
+                continue;
+            }
+            let decoding = Decoding { encoding, anchor: Anchor::Brick };
+            let (mut scratch, mut read) = (DecodeScratch::default(), samples.clone());
+            let upload =
+                decoding.upload_payload(&record, &payload, &mut scratch, &mut read).unwrap();
+            decoding.decode(&record, &payload, &mut scratch, &mut read).unwrap();
+            let map = upload.map;
+            let magnitude = magnitude.max(error.unwrap_or(0.0));
+            let near = magnitude * 2_f64.powi(-21)
+                + match T::TYPE {
+                    SampleType::F32 => 2.0 * f64::from(f32::from_bits(1)),
+                    SampleType::F64 => 300.0 * f64::from_bits(1),
+                    _ => 1.0,
+                };
+            assert!(map.max_difference <= near, "{values:?} as {encoding}: {map:?}");
+            let texels = upload.bytes.chunks_exact(map.format.bytes());
+            for (texel, read) in texels.zip(&read).filter(|(_, read)| read.is_finite()) {
+                let texel = match *texel {
+                    [byte] => f64::from(byte),
+                    [a, b] => f64::from(u16::from_le_bytes([a, b])),
+                    [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
+                    _ => unreachable!(),
+                };
+                let value = map.scale * texel + map.offset;
+                let difference = (value - read.to_f64()).abs();
+                assert!(difference <= map.max_difference, "{read} as {value}, {encoding}: {map:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn uploads_of_extremes_mean_what_is_read() {
+    for sample_type in SampleType::ALL.into_iter().filter(|t| t.is_integer()) {
+        with_sample_type!(sample_type, T => {
+            assert_uploads_mean_what_is_read(&[T::LEAST, T::default(), T::from_f64(1.0), T::GREATEST]);
+            assert_uploads_mean_what_is_read(&[T::LEAST, T::GREATEST]);
+        });
+    }
+    assert_uploads_mean_what_is_read(&[u32::MAX, u32::MAX - 1, u32::MAX - 70_000]);
+    assert_uploads_mean_what_is_read(&[f32::MIN, -1.0, 0.0, 1e-30, 1e30, f32::MAX]);
+    assert_uploads_mean_what_is_read(&[0.0, f32::from_bits(1), f32::from_bits(1000)]);
+    assert_uploads_mean_what_is_read(&[f32::NAN, 1.0, f32::INFINITY, 2.5, f32::NEG_INFINITY]);
+    assert_uploads_mean_what_is_read(&[0.0, 1.0, 1e300, -1e300]);
+    assert_uploads_mean_what_is_read(&[0.0, f64::from_bits(1), f64::from_bits(1000)]);
+    assert_uploads_mean_what_is_read(&[0.0, f64::from_bits(100), f64::from_bits(37)]);
+    assert_uploads_mean_what_is_read(&[1e-310, 3e-309, 7e-310]);
+    assert_uploads_mean_what_is_read(&[0.0, 1e-305, 7e-306, f64::NAN]);
+    assert_uploads_mean_what_is_read(&[1.0, 1.0 + f64::EPSILON]);
+}
+
 /// What is expected of a u16 brick of these values: state, coding, bits and AMAX.
 fn assert_answer(values: &[u16], encoding: Encoding, state: BrickState, bits: u8, amax: f64) {
     let (record, _) = encoded(&brick(values), encoding, Anchor::Brick);

@@ -180,3 +180,74 @@ fn entropy_bits(histogram: &[u32; 256], count: usize) -> f64 {
     let bits = |n: u32| f64::from(n) * (all / f64::from(n)).log2();
     histogram.iter().filter(|n| **n > 0).map(|n| bits(*n)).sum::<f64>() / all.max(1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::encoding::{Encoding, encode_samples};
+    use crate::key::NodeKey;
+
+    /// A brick of x, y, z and noise: a number up to 31 that differs from sample to sample.
+    fn brick(at: impl Fn([u16; 3], u16) -> u16) -> Vec<u16> {
+        let noise = |i: u64| {
+            let v = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((v ^ (v >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 59) as u16
+        };
+        (0..36 * 36 * 36_u64)
+            .map(|i| at([i % 36, i / 36 % 36, i / 36 / 36].map(|v| v as u16), noise(i)))
+            .collect()
+    }
+
+    fn stored(words: &[u16], effort: Effort) -> (NodeRecord, usize) {
+        let (mut record, _) = encode_samples(NodeKey::new(0, [0; 3]), words, Encoding::Lossless);
+        let mut payloads = Vec::new();
+        store(words, effort, &mut record, &mut StoreScratch::default(), &mut payloads);
+        (record, payloads.len())
+    }
+
+    fn packed(words: &[u16], effort: Effort, filter: Filter) -> usize {
+        let (mut residuals, mut bytes) = (Vec::new(), Vec::new());
+        arrange(words, 16, filter, &mut residuals, &mut bytes);
+        Packer::default().pack(&bytes, usize::MAX, effort).unwrap().1.len()
+    }
+
+    #[test]
+    fn small_predicts_what_costs_least() {
+        for (words, prediction) in [
+            (brick(|_, noise| 300 * noise), Prediction::None),
+            (brick(|[x, y, z], _| 40 * x * y + 7 * z * z), Prediction::Lorenzo),
+            (brick(|[x, y, z], noise| 9 * (x + y + z) + noise), Prediction::Mean),
+        ] {
+            let (record, bytes) = stored(&words, Effort::Small);
+            assert_eq!(record.filter.prediction, prediction);
+            for prediction in PREDICTIONS {
+                let filter = Filter { prediction, arrangement: Arrangement::BytePlanes };
+                let other = packed(&words, Effort::Small, filter);
+                assert!(bytes <= other * 103 / 100, "{bytes} {prediction:?} {other}");
+            }
+        }
+    }
+
+    #[test]
+    fn balanced_takes_the_filter_that_gains_most() {
+        let mixed = |v: u16| {
+            let v = v.wrapping_add(1).wrapping_mul(40_503);
+            (v ^ (v >> 7)).wrapping_mul(40_503)
+        };
+        let by_byte = Filter { arrangement: Arrangement::BytePlanes, ..Filter::NONE };
+        let differences =
+            Filter { prediction: Prediction::Previous, arrangement: Arrangement::BitPlanes };
+        for (words, best) in [
+            (brick(|[x, y, z], _| 40 * x * y + 7 * z * z), differences),
+            // Rows of one text, each from another place on: their bytes repeat, their bits do not.
+            (brick(|[x, y, z], _| mixed(x + mixed(36 * z + y) % 61)), by_byte),
+        ] {
+            let (record, bytes) = stored(&words, Effort::Balanced);
+            assert_eq!(record.filter, best);
+            for filter in [by_byte, differences] {
+                let other = packed(&words, Effort::Balanced, filter);
+                assert!(bytes <= other, "{bytes} {filter:?} {other}");
+            }
+        }
+    }
+}

@@ -64,6 +64,11 @@ fn rounding<T: Sample>(magnitude: f64) -> f64 {
     }
 }
 
+/// What a code's number multiplies where f64 rounds the step itself: of denormal ranges the last bit.
+fn rounded_step<T: Sample>() -> f64 {
+    if T::TYPE == SampleType::F64 { 256.0 * f64::from_bits(1) } else { 0.0 }
+}
+
 impl Decoding {
     /// What the texels of a stored brick mean.
     ///
@@ -83,18 +88,18 @@ impl Decoding {
                 let step = max / 255.0 - min / 255.0;
                 // Decoding rounds where these do not, and halo that was assembled is coded again.
                 let again = if self.stored_overlap() { 0.0 } else { step / 2.0 };
-                map(UploadFormat::R8, step, min, rounding::<T>(2.0 * magnitude) + again)
+                let rounded = rounding::<T>(2.0 * magnitude) + rounded_step::<T>();
+                map(UploadFormat::R8, step, min, rounded + again)
             }
             Coding::Bounded => {
                 let quantiser = self.bounded::<T>(record)?;
                 let format = if record.bits <= 8 { UploadFormat::R8 } else { UploadFormat::R16 };
                 let (scale, offset) = quantiser.value_map();
-                let last = offset + f64::from(quantiser.last()) * scale;
-                let clamped = (min - offset).max(last - max).max(0.0);
                 let rounded =
                     if T::TYPE.is_integer() { 0.0 } else { rounding::<T>(magnitude + scale) };
+                // On the lattice the ends reach up to half a step beyond the range, and halo is coded again.
                 let again = if self.stored_overlap() { 0.0 } else { scale / 2.0 };
-                map(format, scale, offset, clamped.max(again) + rounded)
+                map(format, scale, offset, again + rounded)
             }
             Coding::Lossless => match T::TYPE {
                 SampleType::U8 => map(UploadFormat::R8, 1.0, 0.0, 0.0),
@@ -105,15 +110,15 @@ impl Decoding {
                 SampleType::U32 | SampleType::I32 | SampleType::F64 => {
                     // Counted from the minimum in a unit of about the range, so that 24 bits are spent on
                     // what differs. Halves, because the widest range overflows.
-                    let range = (max / 2.0 - min / 2.0) * 2.0;
-                    let scale = if range > 0.0 && range.is_normal() {
-                        2_f64.powi(range.log2().ceil().clamp(-1000.0, 1000.0) as i32)
-                    } else if range > 0.0 {
-                        2_f64.powi(1000)
+                    let half_range = max / 2.0 - min / 2.0;
+                    let scale = if half_range > 0.0 {
+                        let log2 = half_range.log2().ceil() + 1.0;
+                        2_f64.powi(log2.clamp(-1000.0, 1000.0) as i32)
                     } else {
                         1.0
                     };
-                    let texel = 2.0_f64.max(range / scale) * 2_f64.powi(-24) * scale;
+                    let least = 2_f64.powi(-149) * scale;
+                    let texel = half_range * 2_f64.powi(-22) + least;
                     map(UploadFormat::R32Float, scale, min, texel + magnitude * 2_f64.powi(-50))
                 }
             },

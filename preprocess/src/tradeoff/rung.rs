@@ -25,6 +25,7 @@ const RANDOM_READS: usize = 4096;
 /// What was measured of one rung. Errors are in source units, sizes without a unit in bytes; a MB is 10^6
 /// bytes of voxels in the source's type.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(test, derive(Default))]
 pub struct RungReading {
     /// Its name, which no other rung of the report has.
     pub name: String,

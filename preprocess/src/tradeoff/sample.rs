@@ -233,6 +233,32 @@ mod tests {
         }
     }
 
+    fn threshold_of<T: Sample>(low: T, high: T) -> Option<f64> {
+        let folder = tempfile::tempdir().unwrap();
+        let raw = folder.path().join(format!("a_8x8x8_{}.raw", T::TYPE));
+        let voxels: Vec<T> = (0..512).map(|i| if i % 3 == 0 { high } else { low }).collect();
+        std::fs::write(&raw, to_le_bytes(&voxels)).unwrap();
+        let source = Source::open(&raw, &SourceOptions::default()).unwrap();
+        let region = Region::whole([8; 3]);
+        Sampled::take(source, region, folder.path(), &NoProgress).unwrap().otsu
+    }
+
+    #[test]
+    fn a_threshold_parts_two_values_of_any_type() {
+        assert_eq!(threshold_of(10_u16, 20), Some(20.0));
+        assert_eq!(threshold_of(-20_i16, -10), Some(-10.0));
+        let between = |threshold: Option<f64>, low: f64, high: f64| {
+            let threshold = threshold.unwrap();
+            // In the last of the bins, that of the upper value.
+            assert!(threshold > high - (high / 512.0 - low / 512.0), "{low} {threshold} {high}");
+            assert!(low < threshold && threshold <= high, "{low} {threshold} {high}");
+        };
+        between(threshold_of(i32::MIN, i32::MAX), f64::from(i32::MIN), f64::from(i32::MAX));
+        between(threshold_of(0.0, 3e-5), 0.0, 3e-5);
+        between(threshold_of(-1.7e308, 1.7e308), -1.7e308, 1.7e308);
+        assert_eq!(threshold_of(7.0, 7.0), None);
+    }
+
     #[test]
     fn a_sample_is_the_regions_voxels_and_their_values() {
         let folder = tempfile::tempdir().unwrap();

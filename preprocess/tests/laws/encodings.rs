@@ -156,14 +156,23 @@ fn every_encoding_keeps_its_word_in_every_type_wherever_the_overlap_is() {
 
 #[test]
 fn assembled_overlap_of_any_width_is_the_stored_one_where_nothing_is_lost() {
-    for (core, overlap) in [(8, 0), (8, 4), (10, 1), (16, 3)] {
+    // Volumes that end within bricks, and such as end with them.
+    let (within, with) = ([17, 9, 26], [32, 32, 32]);
+    for (core, overlap, dims) in [
+        (8, 0, within),
+        (8, 4, within),
+        (10, 1, within),
+        (16, 3, within),
+        (8, 2, with),
+        (16, 4, with),
+    ] {
         let read = |overlap_at_rest| {
             let options = ConvertOptions {
                 brick_core: core,
                 brick_overlap: overlap,
                 ..how(Encoding::Lossless, Effort::Balanced, overlap_at_rest)
             };
-            let made = converted([17, 9, 26], scan::<f32>([17, 9, 26], 5), &options);
+            let made = converted(dims, scan::<f32>(dims, 5), &options);
             let bricks: Vec<SampleBuffer> = keys(made.store.geometry())
                 .into_iter()
                 .map(|key| made.store.read_brick_samples(key).unwrap().1)
@@ -171,7 +180,7 @@ fn assembled_overlap_of_any_width_is_the_stored_one_where_nothing_is_lost() {
             (bricks, made.store.metadata().payload_bytes)
         };
         let (stored, assembled) = (read(OverlapAtRest::Stored), read(OverlapAtRest::Assembled));
-        assert_eq!(stored.0, assembled.0, "core {core}, overlap {overlap}");
+        assert_eq!(stored.0, assembled.0, "core {core}, overlap {overlap}, {dims:?}");
         assert!(overlap == 0 || assembled.1 < stored.1 * 3 / 4);
     }
 }
@@ -192,8 +201,33 @@ fn overlap_beside_dropped_bricks_is_within_what_its_level_says() {
             assert!(found.extra_amax <= level.overlap_extra_amax_bound, "{found:?} {level:?}");
             let seen = overlap == OverlapAtRest::Assembled;
             assert_eq!(found.extra_amax > 10_000.0, seen, "what was dropped shows: {found:?}");
+            if seen {
+                assert_dropped_neighbours_read_as_the_empty_value(&made.store);
+            }
         }
     }
+}
+
+fn assert_dropped_neighbours_read_as_the_empty_value(store: &Store) {
+    let (geometry, empty_value) = (store.geometry(), store.metadata().empty_value);
+    let (side, core) = (geometry.brick_side(), i64::from(geometry.core()));
+    let mut seen = 0;
+    for key in keys(geometry).into_iter().filter(|key| key.level() == 0) {
+        let (record, read) = store.read_brick_samples(key).unwrap();
+        let origin = geometry.sample_origin(key);
+        for i in 0..geometry.brick_samples() {
+            let at = [i % side, i / side % side, i / side / side];
+            let voxel = [0, 1, 2]
+                .map(|axis| (origin[axis] + at[axis] as i64).clamp(0, DIMS[axis] as i64 - 1));
+            let holder = store.node(NodeKey::new(0, voxel.map(|v| (v / core) as u64))).unwrap();
+            if record.state == BrickState::Stored && holder.state == BrickState::Empty {
+                let expected = empty_value.clamp(record.brick_min, record.brick_max);
+                assert_eq!(read.get_f64(i), expected, "{key} {at:?}");
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen > 100, "{seen}");
 }
 
 #[test]

@@ -135,9 +135,12 @@ fn dropped_bricks_are_counted_apart_and_read_as_the_empty_value() {
     assert!(brick.iter().all(|&v| v == 0));
     // Nothing in the volume is 0, and what is read is.
     assert_ranges_hold::<u16>(&made.store);
-    // A threshold at or below every voxel drops nothing: "below" is strict.
-    let all = ConvertOptions { empty_below: Some(100.0), ..options };
-    assert_eq!(converted(dims, volume, &all).store.metadata().dropped_voxels, 0);
+    // "Below" is strict: a threshold at a brick's greatest sample keeps it, one at or below every voxel drops nothing.
+    for (threshold, empty) in [(147.0, 7), (100.0, 0)] {
+        let options = ConvertOptions { empty_below: Some(threshold), ..options.clone() };
+        let made = converted(dims, volume.clone(), &options);
+        assert_eq!(made.store.metadata().levels[0].empty, empty, "{threshold}");
+    }
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use crate::support::{converted, index, scan, small_bricks, voxels};
 use octree_store::{Encoding, Region};
-use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, verify_against};
+use preprocess::compare::compare;
+use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, Volume, verify_against};
+use std::path::Path;
 
 #[test]
 fn range_and_mean_are_those_of_the_voxels() {
@@ -103,6 +105,18 @@ fn the_widest_f64_values_make_a_store_that_tells_its_errors() {
             let source = Source::open(&made.raw, &SourceOptions::default()).unwrap();
             let how = ConvertOptions::default();
             assert_eq!(verify_against(&made.store, source, &how, &NoProgress).unwrap().damaged, []);
+            let open = |path: &Path| Volume::open(path, &SourceOptions::default()).unwrap();
+            let found = compare(&open(&made.raw), &open(made.store.path())).unwrap();
+            assert!((found.rms - level.rms).abs() <= tolerance * level.rms, "{unit} {found:?}");
+            assert_eq!((found.amax, found.not_finite), (level.amax, 0), "{unit}");
+            let metadata = made.store.metadata();
+            assert_eq!(found.psnr_db.is_some(), level.amax > 0.0, "{unit} {found:?}");
+            for (found, stored) in found.psnr_db.into_iter().zip(metadata.psnr_db()) {
+                assert!(
+                    found.is_finite() && (found - stored).abs() < 1e-6,
+                    "{unit}: {found} {stored}"
+                );
+            }
         }
     }
 }

@@ -111,9 +111,10 @@ fn wishes(page: &mut String, report: &Report) -> std::fmt::Result {
         match (best, &wish.command) {
             (Some(rung), Some(command)) => writeln!(
                 page,
-                "<td class=\"word\">{}<br><code>{}</code></td><td>{:.2}</td><td>{}</td><td>{}</td><td>{:.1}</td></tr>",
+                "<td class=\"word\">{}<br><code>{}</code></td><td data-of=\"Bits a voxel\">{:.2}</td>\
+                 <td data-of=\"AMAX\">{}</td><td data-of=\"RMS\">{}</td><td data-of=\"Random brick µs\">{:.1}</td></tr>",
                 escaped(&rung.name),
-                escaped(command),
+                whole_flags(command),
                 rung.file_bits_per_voxel,
                 short(rung.amax),
                 short(rung.rms),
@@ -124,6 +125,15 @@ fn wishes(page: &mut String, report: &Report) -> std::fmt::Result {
     }
     page.push_str("</tbody>\n</table></div>\n");
     Ok(())
+}
+
+/// A command that breaks between words, and not within a flag.
+fn whole_flags(command: &str) -> String {
+    let word = |word: &str| match escaped(word) {
+        flag if flag.starts_with("--") => format!("<span>{flag}</span>"),
+        word => word,
+    };
+    command.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
 fn capital(words: &str) -> String {

@@ -172,6 +172,7 @@ impl Tradeoff {
         add("--skip", self.raw.skip.map(|skip| skip.to_string()));
         add("--channel", self.series.channel.map(|channel| channel.to_string()));
         add("--time", self.series.time.map(|time| time.to_string()));
+        add("--series", self.series.series.as_deref().map(quoted));
         add(
             "--roi",
             self.roi.map(|Region { min, max }| {
@@ -231,8 +232,19 @@ impl Folder {
         }
         let made = match std::fs::create_dir(path) {
             Ok(()) => true,
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && path.is_dir() => false,
-            Err(error) => return Err(failed(error)),
+            Err(_) if path.is_dir() => false,
+            Err(error) => {
+                let (kind, why) = match error.kind() {
+                    io::ErrorKind::AlreadyExists => {
+                        (io::ErrorKind::NotADirectory, "it is no folder: give -o the name of one")
+                    }
+                    kind @ io::ErrorKind::NotFound => {
+                        (kind, "there is no such folder to make it in")
+                    }
+                    _ => return Err(failed(error)),
+                };
+                return Err(failed(io::Error::new(kind, why)));
+            }
         };
         let mut folder = Self { path: path.to_owned(), scratch: None, force, made };
         let scratch = tempfile::Builder::new().prefix(".octavo-tradeoff-").tempdir_in(path);
@@ -267,6 +279,27 @@ impl Drop for Folder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Typed {
+        #[command(flatten)]
+        tradeoff: Tradeoff,
+    }
+
+    #[test]
+    fn the_command_has_all_that_chooses_the_volume() {
+        let chosen = "--dims 4,5,6 --dtype u16 --skip 7 --channel 1 --time 2 --series 1.2.3 --roi 0:1,0:2,0:3 \
+                      --brick 16 --overlap 1 --big-endian --allow-gaps";
+        let typed: Vec<_> =
+            ["octavo", "in.raw", "-o", "t"].into_iter().chain(chosen.split_whitespace()).collect();
+        let Typed { tradeoff } = Typed::try_parse_from(typed).unwrap();
+        let words: Vec<_> = chosen.split_whitespace().collect();
+        assert_eq!(
+            tradeoff.convert_command(),
+            format!("octavo convert in.raw {}", words.join(" "))
+        );
+    }
 
     #[test]
     fn words_are_quoted_where_a_shell_would_split_or_expand_them() {
