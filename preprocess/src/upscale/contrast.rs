@@ -6,28 +6,27 @@
 //! voxels, all of whose neighbours are among the 64 of the tricubic kernel: where those are equal
 //! there is no detail.
 
+use super::lattice::Line;
 use super::real::Real;
 
-/// Writes `scale` times the contrast of every voxel of a box of `dims_xyz` samples, x fastest, that has all
-/// six neighbours in the box.
+/// Writes `scale` times the contrast of every voxel of a box of lines, z, then y, that has all six
+/// neighbours in the box.
 #[inline(always)]
 pub(super) fn contrasts<F: Real>(
-    samples: &[F],
-    dims_xyz: [usize; 3],
+    samples: &[Line<F>],
+    [ny, nz]: [usize; 2],
     scale: f64,
-    contrasts: &mut [F],
+    contrasts: &mut [Line<F>],
 ) {
-    let [nx, ny, nz] = dims_xyz;
     let sixth = F::near(scale / 6.0);
     for z in 1..nz - 1 {
         for y in 1..ny - 1 {
-            let first = (z * ny + y) * nx;
-            let row = |first: usize| &samples[first..first + nx];
-            let own = row(first);
-            let (below, above) = (row(first - nx), row(first + nx));
-            let (before, behind) = (row(first - nx * ny), row(first + nx * ny));
-            let out = &mut contrasts[first..first + nx];
-            for x in 1..nx - 1 {
+            let at = z * ny + y;
+            let own = &samples[at];
+            let (below, above) = (&samples[at - 1], &samples[at + 1]);
+            let (before, behind) = (&samples[at - ny], &samples[at + ny]);
+            let out = &mut contrasts[at];
+            for x in 1..out.len() - 1 {
                 let step = |other: F| (other - own[x]).abs();
                 let sum = (step(own[x - 1]) + step(own[x + 1]))
                     + (step(below[x]) + step(above[x]))
@@ -41,20 +40,23 @@ pub(super) fn contrasts<F: Real>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::upscale::lattice::LINE;
 
     #[test]
     fn contrast_is_the_mean_step_to_six_neighbours_and_zero_where_they_are_equal() {
-        let mut samples = [7.0_f32; 125];
-        samples[62] = 13.0;
-        let mut found = [0.0; 125];
-        contrasts(&samples, [5; 3], 2.0, &mut found);
-        for (at, contrast) in found.into_iter().enumerate() {
-            let expected = match at {
-                62 => 12.0,
-                61 | 63 | 57 | 67 | 37 | 87 => 2.0,
-                _ => 0.0,
-            };
-            assert_eq!(contrast, expected, "sample {at}");
+        let mut samples = [[7.0_f32; LINE]; 25];
+        samples[12][20] = 13.0;
+        let mut found = [[0.0; LINE]; 25];
+        contrasts(&samples, [5; 2], 2.0, &mut found);
+        for (at, line) in found.into_iter().enumerate() {
+            for (x, contrast) in line.into_iter().enumerate() {
+                let expected = match (at, x) {
+                    (12, 20) => 12.0,
+                    (12, 19 | 21) | (11 | 13 | 7 | 17, 20) => 2.0,
+                    _ => 0.0,
+                };
+                assert_eq!(contrast, expected, "sample {x} of line {at}");
+            }
         }
     }
 }

@@ -7,9 +7,9 @@
 //! White noise is a hash of seed, octave and place, without tables. Along x it repeats after 2^32 cells,
 //! along y and z after 2^64: beyond any volume.
 
-use super::lattice::{Axis, LANES, blocks, stretch_row, weigh_rows};
+use super::lattice::{LINE, Row, Stretch, WIDTH};
 use super::octave::{Octave, octaves};
-use super::weights::REACH;
+use super::weights::{REACH, Stencils};
 use multiversion::multiversion;
 
 /// The noise of a seed at a factor.
@@ -23,26 +23,24 @@ pub(super) struct Noise {
 /// What a thread keeps.
 #[derive(Debug, Default)]
 pub(super) struct NoiseScratch {
-    /// The noise: z, y, x of the new voxels, rows of [`NoiseScratch::stride`].
-    pub(super) values: Vec<[f32; LANES]>,
-    /// Blocks of a row.
-    row: usize,
+    /// The noise: z, then y of the new voxels.
+    pub(super) values: Vec<Row<f32>>,
     /// Rows of a slice.
-    pub(super) rows: usize,
-    white: Vec<[f32; LANES]>,
-    low: Vec<[f32; LANES]>,
-    plane: Vec<[f32; LANES]>,
-    line: Vec<f32>,
-    axes: [Axis<f32, 4>; 3],
-    along_x: Vec<[f32; LANES]>,
-    along_y: Vec<[f32; LANES]>,
+    pub(super) height: usize,
+    cells: Planes<WIDTH, { WIDTH + 16 }>,
+    coarse: Planes<LINE, { LINE + 16 }>,
+    stretch: Stretch<f32, 4>,
 }
 
-impl NoiseScratch {
-    /// Values from row to row.
-    pub(super) fn stride(&self) -> usize {
-        self.row * LANES
-    }
+/// Planes of a lattice: as many as its filter sees at once. Of `L` cells along x `W` are left when the
+/// filter has taken what it needs at their ends.
+#[derive(Debug, Default)]
+struct Planes<const W: usize, const L: usize> {
+    white: Vec<[f32; L]>,
+    /// Filtered along x and y.
+    low: Vec<[f32; W]>,
+    /// One plane, filtered along x.
+    low_x: Vec<[f32; W]>,
 }
 
 impl Noise {
@@ -51,23 +49,48 @@ impl Noise {
         Self { seed, factor, octaves: octaves(factor) }
     }
 
+    /// Bytes that a thread takes for tiles of `side` new voxels along an axis.
+    pub(super) fn thread_bytes(factor: u64, side: u64) -> u64 {
+        let made = side + 2 * factor;
+        // What is made; an octave stretched along x; planes of two lattices.
+        let rows = made.pow(2) + (made / 2 + 6).pow(2) + 40 * (made + 10);
+        4 * WIDTH as u64 * rows
+    }
+
     /// Fills `scratch` with the noise of `voxels` source voxels along x, y, z from `first` on.
     pub(super) fn fill(&self, first: [u64; 3], voxels: [usize; 3], scratch: &mut NoiseScratch) {
-        let [width, height, depth] = voxels.map(|n| n * self.factor);
-        // One block more than the row: who reads whole blocks may begin anywhere.
-        scratch.row = blocks(width) + 1;
-        scratch.rows = height;
+        let [_, height, depth] = voxels.map(|n| n * self.factor);
+        scratch.height = height;
         scratch.values.clear();
-        scratch.values.resize(scratch.row * height * depth, [0.0; LANES]);
+        scratch.values.resize(height * depth, [0.0; WIDTH]);
         for octave in &self.octaves {
-            match octave.low_pass.len() {
-                4 => add_octave::<2>(octave, self.seed, [1, 3], first, voxels, scratch),
-                _ => add_octave::<4>(octave, self.seed, [1, 2, 4, 5], first, voxels, scratch),
+            // The cells wanted.
+            let around = if octave.stretch.is_some() { REACH } else { 0 };
+            let origin = first.map(|v| (v * octave.cells as u64).cast_signed() - around as i64);
+            let [_, ny, nz] = voxels.map(|n| n * octave.cells + 2 * around);
+            let lattice = Lattice { octave, seed: self.seed, origin, ny, nz };
+            match (&octave.stretch, octave.low_pass.len()) {
+                (Some(stencils), _) => add_stretched(&lattice, stencils, scratch),
+                (None, 4) => add_cells(&lattice, NEAR, scratch),
+                (None, _) => add_cells(&lattice, FAR, scratch),
             }
         }
         take_means_away(self.factor, voxels, scratch);
     }
 }
+
+/// Some of an octave's cells: from `origin` on, and how many along y and z.
+struct Lattice<'a> {
+    octave: &'a Octave,
+    seed: u64,
+    origin: [i64; 3],
+    ny: usize,
+    nz: usize,
+}
+
+/// The distances at which a low-pass filter has its weights, 0 left out: to a half, and to a third.
+const NEAR: [usize; 2] = [1, 3];
+const FAR: [usize; 4] = [1, 2, 4, 5];
 
 /// Mixes 64 bits: the finaliser of splitmix64 (G. Steele, D. Lea, C. Flood, OOPSLA 2014).
 fn mix64(mut h: u64) -> u64 {
@@ -95,128 +118,111 @@ fn cell_hash(x: u32, [first, second]: [u32; 2]) -> i32 {
     (h ^ (h >> 16)).cast_signed()
 }
 
-/// The middle's weight times the middle, plus for each pair of equally far ones their weight times
-/// their sum.
-#[inline(always)]
-fn filter_lane<const PAIRS: usize>(
-    middle: f32,
-    pairs: [[f32; 2]; PAIRS],
-    weight: f32,
-    weights: [f32; PAIRS],
-) -> f32 {
-    let mut sum = weight * middle;
-    for k in 0..PAIRS {
-        sum += weights[k] * (pairs[k][0] + pairs[k][1]);
+impl Lattice<'_> {
+    /// Calls `each` with the z, the y and the cells of every row of white noise less its low-pass part.
+    #[inline(always)]
+    fn each_row<const PAIRS: usize, const W: usize, const L: usize>(
+        &self,
+        distances: [usize; PAIRS],
+        planes: &mut Planes<W, L>,
+        mut each: impl FnMut(usize, usize, &[f32; W]),
+    ) {
+        let Self { octave, seed, origin, ny, nz } = *self;
+        let Planes { white, low, low_x } = planes;
+        let far = distances[PAIRS - 1];
+        let weight = octave.low_pass[0];
+        let weights = distances.map(|k| octave.low_pass[k]);
+        let filter = |middle: &[f32], pairs: [[&[f32]; 2]; PAIRS], i: usize| {
+            let mut sum = weight * middle[i];
+            for ([before, after], weight) in pairs.into_iter().zip(weights) {
+                sum += weight * (before[i] + after[i]);
+            }
+            sum
+        };
+        // Margins included.
+        let wide = ny + 2 * far;
+        let [x, y0, z0] = origin.map(|v| v - far as i64);
+        white.resize((far + 1) * wide, [0.0; L]);
+        low.resize((2 * far + 1) * ny, [0.0; W]);
+        low_x.resize(wide, [0.0; W]);
+        let mut band = [0.0; W];
+        for z in 0..nz + 2 * far {
+            // A whole plane before it is read: lines that were just written would have to be waited for.
+            let plane = &mut white[z % (far + 1) * wide..][..wide];
+            for (y, line) in plane.iter_mut().enumerate() {
+                let key = row_key(seed, octave.number, [y0 + y as i64, z0 + z as i64]);
+                for (i, value) in line.iter_mut().enumerate() {
+                    let hash = cell_hash((x as u32).wrapping_add(i as u32), key);
+                    *value = hash as f32 * octave.scale;
+                }
+            }
+            for (line, out) in plane.iter().zip(&mut *low_x) {
+                let from = |x: usize| &line[x..x + W];
+                let pairs = distances.map(|k| [from(far - k), from(far + k)]);
+                for (i, out) in out.iter_mut().enumerate() {
+                    *out = filter(from(far), pairs, i);
+                }
+            }
+            let plane = &mut low[z % (2 * far + 1) * ny..][..ny];
+            for (y, out) in plane.iter_mut().enumerate() {
+                let row = |y: usize| &low_x[y][..];
+                let pairs = distances.map(|k| [row(y + far - k), row(y + far + k)]);
+                for (i, out) in out.iter_mut().enumerate() {
+                    *out = filter(row(y + far), pairs, i);
+                }
+            }
+            let Some(done) = z.checked_sub(2 * far) else { continue };
+            let middle = done + far;
+            for y in 0..ny {
+                let row = |z: usize| &low[z % (2 * far + 1) * ny + y][..];
+                let pairs = distances.map(|k| [row(middle - k), row(middle + k)]);
+                let white = &white[middle % (far + 1) * wide + far + y][far..far + W];
+                for (i, out) in band.iter_mut().enumerate() {
+                    *out = white[i] - filter(row(middle), pairs, i);
+                }
+                each(done, y, &band);
+            }
+        }
     }
-    sum
 }
 
-/// Adds an octave. Its low-pass filter has its weights at the distances 0 and `distances`.
+/// Adds an octave whose cells are the new voxels.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
-fn add_octave<const PAIRS: usize>(
-    octave: &Octave,
-    seed: u64,
+fn add_cells<const PAIRS: usize>(
+    lattice: &Lattice<'_>,
     distances: [usize; PAIRS],
-    first: [u64; 3],
-    voxels: [usize; 3],
     scratch: &mut NoiseScratch,
 ) {
-    let NoiseScratch { values, row, white, low, plane, line, axes, along_x, along_y, .. } = scratch;
-    let far = octave.low_pass.len() - 1;
-    let weight = octave.low_pass[0];
-    let weights = distances.map(|k| octave.low_pass[k]);
-    let around = if octave.stretch.is_some() { REACH } else { 0 };
-    // The lattice cells wanted, and the first of them.
-    let [nx, ny, nz] = voxels.map(|n| n * octave.cells + 2 * around);
-    let origin = first.map(|v| (v * octave.cells as u64).cast_signed() - around as i64);
-    let length = blocks(nx);
-    white.resize(length * ny * nz, [0.0; LANES]);
-    low.resize(length * ny * (nz + 2 * far), [0.0; LANES]);
-    plane.resize(length * (ny + 2 * far), [0.0; LANES]);
-    line.resize(length * LANES + 2 * far, 0.0);
-    for z in 0..nz + 2 * far {
-        let at_z = origin[2] + z as i64 - far as i64;
-        let kept_z = z.checked_sub(far).filter(|z| *z < nz);
-        for y in 0..ny + 2 * far {
-            let at_y = origin[1] + y as i64 - far as i64;
-            let key = row_key(seed, octave.number, [at_y, at_z]);
-            let x = (origin[0] - far as i64) as u32;
-            for (i, value) in line.iter_mut().enumerate() {
-                *value = cell_hash(x.wrapping_add(i as u32), key) as f32 * octave.scale;
+    let NoiseScratch { values, cells, .. } = scratch;
+    lattice.each_row(distances, cells, |z, y, row| {
+        add(&mut values[z * lattice.ny + y], row);
+    });
+}
+
+/// Adds an octave whose cells are stretched to the new voxels.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
+fn add_stretched(lattice: &Lattice<'_>, stencils: &Stencils<f32, 4>, scratch: &mut NoiseScratch) {
+    let NoiseScratch { values, height, coarse, stretch, .. } = scratch;
+    let depth = values.len() / *height;
+    let new_yz = [*height, depth].map(|n| 0..n as u64);
+    stretch.set(stencils, new_yz, [-(REACH as i64); 2], [lattice.ny, lattice.nz]);
+    lattice.each_row(NEAR, coarse, |z, y, line| {
+        stretch.set_line([y, z], line, stencils, false);
+    });
+    for (z, slice) in values.chunks_exact_mut(*height).enumerate() {
+        stretch.stretch_z(z, false);
+        for (y, out) in slice.iter_mut().enumerate() {
+            let row = stretch.row(y);
+            for (i, out) in out.iter_mut().enumerate() {
+                *out += row.lane(i, false);
             }
-            if let (Some(z), Some(y)) = (kept_z, y.checked_sub(far).filter(|y| *y < ny)) {
-                white[(z * ny + y) * length..][..length]
-                    .as_flattened_mut()
-                    .copy_from_slice(&line[far..far + length * LANES]);
-            }
-            let out = plane[y * length..][..length].as_flattened_mut();
-            let count = out.len();
-            let middle = &line[far..far + count];
-            let pairs = distances
-                .map(|k| [&line[far - k..far - k + count], &line[far + k..far + k + count]]);
-            for i in 0..count {
-                let pairs = pairs.map(|pair| [pair[0][i], pair[1][i]]);
-                out[i] = filter_lane(middle[i], pairs, weight, weights);
-            }
-        }
-        for y in 0..ny {
-            let out = &mut low[(z * ny + y) * length..][..length];
-            let row = |y: usize| plane[y * length..][..length].as_flattened();
-            let pairs = distances.map(|k| [row(y + far - k), row(y + far + k)]);
-            let middle = row(y + far);
-            for (i, out) in out.as_flattened_mut().iter_mut().enumerate() {
-                let pairs = pairs.map(|pair| [pair[0][i], pair[1][i]]);
-                *out = filter_lane(middle[i], pairs, weight, weights);
-            }
-        }
-    }
-    for z in 0..nz {
-        for y in 0..ny {
-            let out = &mut white[(z * ny + y) * length..][..length];
-            let row = |z: usize| low[(z * ny + y) * length..][..length].as_flattened();
-            let pairs = distances.map(|k| [row(z + far - k), row(z + far + k)]);
-            let middle = row(z + far);
-            for (i, out) in out.as_flattened_mut().iter_mut().enumerate() {
-                let pairs = pairs.map(|pair| [pair[0][i], pair[1][i]]);
-                *out -= filter_lane(middle[i], pairs, weight, weights);
-            }
-        }
-    }
-    let Some(stencils) = &octave.stretch else {
-        for (out, cells) in values.chunks_exact_mut(*row).zip(white.chunks_exact(length)) {
-            add(out, cells);
-        }
-        return;
-    };
-    let stretched = voxels.map(|n| n * octave.cells * stencils.len());
-    for (axis, count) in axes.iter_mut().zip(stretched) {
-        axis.set(stencils, 0, count, -(around as i64));
-    }
-    let wide = blocks(stretched[0]);
-    along_x.resize(wide * ny * nz, [0.0; LANES]);
-    along_y.resize(wide * nz, [0.0; LANES]);
-    line.resize(wide * LANES, 0.0);
-    for (cells, out) in white.chunks_exact(length).zip(along_x.chunks_exact_mut(wide)) {
-        stretch_row(cells.as_flattened(), &axes[0], false, out);
-    }
-    plane.resize(wide, [0.0; LANES]);
-    let sum = &mut plane[..wide];
-    for y in 0..stretched[1] {
-        let (taps, by) = axes[1].at(y);
-        for (slice, out) in along_x.chunks_exact(ny * wide).zip(along_y.chunks_exact_mut(wide)) {
-            weigh_rows(slice, taps, by, false, out);
-        }
-        for z in 0..stretched[2] {
-            let (taps, by) = axes[2].at(z);
-            weigh_rows(along_y, taps, by, false, sum);
-            add(&mut values[(z * stretched[1] + y) * *row..][..wide], sum);
         }
     }
 }
 
 #[inline(always)]
-fn add(out: &mut [[f32; LANES]], values: &[[f32; LANES]]) {
-    for (out, value) in out.as_flattened_mut().iter_mut().zip(values.as_flattened()) {
+fn add(out: &mut Row<f32>, values: &Row<f32>) {
+    for (out, value) in out.iter_mut().zip(values) {
         *out += *value;
     }
 }
@@ -224,27 +230,25 @@ fn add(out: &mut [[f32; LANES]], values: &[[f32; LANES]]) {
 /// Takes from every value the mean over the source voxel that it lies in.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
 fn take_means_away(factor: usize, voxels: [usize; 3], scratch: &mut NoiseScratch) {
-    let NoiseScratch { values, row, rows, plane, .. } = scratch;
+    let NoiseScratch { values, height, .. } = scratch;
     let [nx, ny, nz] = voxels;
-    plane.resize(plane.len().max(*row), [0.0; LANES]);
-    let sums = &mut plane[..*row];
     let whole = 1.0 / (factor * factor * factor) as f32;
     for (z, y) in (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))) {
-        let starts = (0..factor * factor)
-            .map(|i| ((z * factor + i / factor) * *rows + y * factor + i % factor) * *row);
-        sums.fill([0.0; LANES]);
-        for start in starts.clone() {
-            add(sums, &values[start..start + *row]);
+        let rows = (0..factor * factor)
+            .map(|i| (z * factor + i / factor) * *height + y * factor + i % factor);
+        let mut sums = [0.0; WIDTH];
+        for row in rows.clone() {
+            add(&mut sums, &values[row]);
         }
-        for voxel in sums.as_flattened_mut()[..nx * factor].chunks_exact_mut(factor) {
+        for voxel in sums[..nx * factor].chunks_exact_mut(factor) {
             let mut sum = 0.0;
             for value in voxel.iter() {
                 sum += value;
             }
             voxel.fill(-sum * whole);
         }
-        for start in starts {
-            add(&mut values[start..start + *row], sums);
+        for row in rows {
+            add(&mut values[row], &sums);
         }
     }
 }
@@ -258,9 +262,7 @@ mod tests {
     fn noise(factor: usize, seed: u64, first: [u64; 3], voxels: [usize; 3]) -> Vec<f32> {
         let mut scratch = NoiseScratch::default();
         Noise::new(seed, factor).fill(first, voxels, &mut scratch);
-        let stride = scratch.stride();
-        let rows = scratch.values.as_flattened().chunks_exact(stride);
-        rows.flat_map(|row| row[..voxels[0] * factor].to_vec()).collect()
+        scratch.values.iter().flat_map(|row| row[..voxels[0] * factor].to_vec()).collect()
     }
 
     fn factors() -> impl Iterator<Item = usize> {
@@ -288,7 +290,7 @@ mod tests {
     #[test]
     fn its_mean_square_is_one_and_every_source_voxel_averages_to_nothing() {
         for factor in factors() {
-            let side = 96 / factor;
+            let side = 72 / factor;
             let values = noise(factor, 1, [3, 1, 4], [side; 3]);
             let square: f64 = values.iter().map(|v| f64::from(v * v)).sum();
             let square = square / values.len() as f64;

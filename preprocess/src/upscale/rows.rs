@@ -1,6 +1,6 @@
 //! New voxels wherever they are asked for: a region at a time, cut into tiles that fit the caches.
 
-use super::lattice::LANES;
+use super::lattice::{LINE, WIDTH};
 use super::noise::{Noise, NoiseScratch};
 use super::real::Real;
 use super::source::Enlarged;
@@ -32,8 +32,8 @@ pub(crate) struct Upscaler<T> {
 #[derive(Debug, Default)]
 struct Scratch<T> {
     row: Vec<T>,
-    narrow: TileScratch<f32>,
-    wide: TileScratch<f64>,
+    narrow: TileScratch<T, f32>,
+    wide: TileScratch<T, f64>,
     noise: NoiseScratch,
     block: Vec<T>,
 }
@@ -136,7 +136,7 @@ impl<T: Sample> Upscaler<T> {
         source: &dyn Rows<T>,
         tile: &Region,
         row: &mut Vec<T>,
-        scratch: &mut TileScratch<F>,
+        scratch: &mut TileScratch<T, F>,
         noise: &mut NoiseScratch,
         target: &mut Target<'_, T>,
     ) -> u64
@@ -152,10 +152,9 @@ impl<T: Sample> Upscaler<T> {
             let place = [0, 1, 2].map(|axis| first[axis] + self.origin_xyz[axis]);
             octaves.fill(place, voxels, noise);
             TileNoise {
-                values: noise.values.as_flattened(),
-                stride: noise.stride(),
-                rows: noise.rows,
-                first_xyz: [0, 1, 2].map(|axis| (tile.min[axis] - first[axis] * factor) as usize),
+                values: &noise.values,
+                height: noise.height,
+                first_yz: [1, 2].map(|axis| (tile.min[axis] - first[axis] * factor) as usize),
                 amplitude: *amplitude,
             }
         });
@@ -168,22 +167,28 @@ impl<T: Sample> Upscaler<T> {
         source: &dyn Rows<T>,
         tile: &Region,
         row: &mut Vec<T>,
-        scratch: &mut TileScratch<F>,
+        scratch: &mut TileScratch<T, F>,
     ) {
         let factor = u64::from(self.upscale.factor());
         let (first, dims) = (first_samples(tile, factor), sample_dims(tile, factor));
         let last = self.dims_xyz.map(|n| n as i64 - 1);
         let inside = |axis: usize, i: usize| (first[axis] + i as i64).clamp(0, last[axis]);
-        let x = inside(0, 0);
-        row.resize((inside(0, dims[0] - 1) - x + 1) as usize, T::default());
-        scratch.samples.resize(dims.iter().product(), F::default());
+        // What a line has of the volume, and the edges repeated before and after it.
+        let (start, end) = (inside(0, 0), inside(0, dims[0] - 1) + 1);
+        let before = (start - first[0]) as usize;
+        row.resize((end - start) as usize, T::default());
+        scratch.samples.resize(dims[1] * dims[2], [F::default(); LINE]);
         scratch.dims_xyz = dims;
-        for (i, out) in scratch.samples.chunks_exact_mut(dims[0]).enumerate() {
+        for (i, line) in scratch.samples.iter_mut().enumerate() {
             let (y, z) = (inside(1, i % dims[1]), inside(2, i / dims[1]));
-            source.read_row([x, y, z].map(|v| v as u64), row);
-            for (i, out) in out.iter_mut().enumerate() {
-                *out = F::of(row[(inside(0, i) - x) as usize]);
+            source.read_row([start, y, z].map(|v| v as u64), row);
+            for (out, sample) in line[before..].iter_mut().zip(row.iter()) {
+                *out = F::of(*sample);
             }
+            let after = before + row.len();
+            let (leftmost, rightmost) = (line[before], line[after - 1]);
+            line[..before].fill(leftmost);
+            line[after..].fill(rightmost);
         }
     }
 }
@@ -253,16 +258,39 @@ pub(crate) fn thread_bytes(upscale: &Upscale, sample_type: SampleType, side: u64
     let real = if octree_store::with_sample_type!(sample_type, T => T::FITS_F32) { 4 } else { 8 };
     let tile = side.min(TILE);
     let factor = u64::from(upscale.factor());
-    let padded = tile.next_multiple_of(LANES as u64);
     let samples = tile / factor + 6;
-    // Source samples, stretched along x, along y.
-    let stretched = real * (samples.pow(3) + padded * samples * (samples + 1));
-    let block = side.pow(3) * sample_type.bytes() as u64;
+    let (line, row) = (LINE as u64, WIDTH as u64);
+    // Source samples, stretched along x, along z.
+    let stretched = real * (line * samples.pow(2) + row * samples * (samples + 1));
+    let block = (side.pow(3) + tile * row) * sample_type.bytes() as u64;
     if upscale.detail().is_none() {
         return block + stretched;
     }
-    // Noise: what is made, the white noise, what is filtered, an octave stretched along x.
-    let made = tile + 2 * factor;
-    let row = (made + 12).next_multiple_of(LANES as u64) + LANES as u64;
-    block + 2 * stretched + 4 * row * (made * made + (made + 4).pow(2) + (made + 12).pow(2) * 3 / 2)
+    block + 2 * stretched + Noise::thread_bytes(factor, tile)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::upscale::octave::octaves;
+    use crate::upscale::weights::REACH;
+
+    #[test]
+    fn every_tile_fits_rows_and_lines_of_fixed_length() {
+        for factor in Upscale::FACTORS.map(|factor| factor as usize) {
+            assert!(WIDTH / factor + 2 * REACH <= LINE, "taps of the last voxel of a row");
+            for first in 0..factor {
+                let voxels = (first + TILE as usize).div_ceil(factor);
+                assert!(voxels * factor <= WIDTH, "factor {factor} from {first}");
+                assert!(voxels + 2 * REACH <= LINE);
+                for octave in octaves(factor) {
+                    let cells = voxels * octave.cells;
+                    match octave.stretch {
+                        Some(_) => assert!(cells + 2 * REACH <= LINE, "factor {factor}"),
+                        None => assert_eq!(octave.cells, factor, "cells are the new voxels"),
+                    }
+                }
+            }
+        }
+    }
 }

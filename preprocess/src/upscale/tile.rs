@@ -1,9 +1,9 @@
 //! The kernel: a box of source samples becomes a box of new voxels.
 
 use super::contrast::contrasts;
-use super::lattice::{Axis, LANES, blocks, stretch_row, weigh_rows};
+use super::lattice::{LINE, Line, Row, Stretch, WIDTH};
 use super::real::Real;
-use super::weights::{Stencils, cubic, linear};
+use super::weights::{REACH, Stencils, cubic, linear};
 use crate::upscale::Upscale;
 use multiversion::multiversion;
 use octree_store::{Region, Sample};
@@ -24,92 +24,40 @@ impl<F: Real> Kernels<F> {
 
 /// What a thread keeps from tile to tile: the source samples, and what becomes of them axis by axis.
 #[derive(Debug, Default)]
-pub(super) struct TileScratch<F> {
-    /// Source samples, x fastest.
-    pub(super) samples: Vec<F>,
+pub(super) struct TileScratch<T, F> {
+    /// Source samples, z, then y; lines go on with their last sample.
+    pub(super) samples: Vec<Line<F>>,
     pub(super) dims_xyz: [usize; 3],
     values: Stretch<F, 4>,
-    contrasts: Vec<F>,
+    contrasts: Vec<Line<F>>,
     amplitudes: Stretch<F, 2>,
-    in_core: Vec<[u32; LANES]>,
-}
-
-/// Samples on their way: stretched along x, then along y too for one row of new voxels.
-#[derive(Debug, Default)]
-struct Stretch<F, const N: usize> {
-    axes: [Axis<F, N>; 3],
-    /// z, then y of the source, then new x.
-    along_x: Vec<[F; LANES]>,
-    /// z of the source, then new x.
-    along_y: Vec<[F; LANES]>,
-    /// New x.
-    row: Vec<[F; LANES]>,
-}
-
-impl<F: Real, const N: usize> Stretch<F, N> {
-    fn set(&mut self, stencils: &Stencils<F, N>, tile: &Region, source_dims_xyz: [usize; 3]) {
-        let first = first_samples(tile, stencils.len() as u64);
-        let dims = tile.dims_xyz();
-        for (axis, stretched) in self.axes.iter_mut().enumerate() {
-            stretched.set(stencils, tile.min[axis], dims[axis] as usize, first[axis]);
-        }
-        let [_, ny, nz] = source_dims_xyz;
-        let row = blocks(self.axes[0].len());
-        self.along_x.resize(nz * ny * row, [F::default(); LANES]);
-        self.along_y.resize(nz * row, [F::default(); LANES]);
-        self.row.resize(row, [F::default(); LANES]);
-    }
-
-    #[inline(always)]
-    fn stretch_x(&mut self, samples: &[F], nx: usize, flat: bool) {
-        let row = self.row.len();
-        for (samples, out) in samples.chunks_exact(nx).zip(self.along_x.chunks_exact_mut(row)) {
-            stretch_row(samples, &self.axes[0], flat, out);
-        }
-    }
-
-    #[inline(always)]
-    fn stretch_y(&mut self, y: usize, ny: usize, flat: bool) {
-        let row = self.row.len();
-        let (taps, weights) = self.axes[1].at(y);
-        for (slice, out) in
-            self.along_x.chunks_exact(ny * row).zip(self.along_y.chunks_exact_mut(row))
-        {
-            weigh_rows(slice, taps, weights, flat, out);
-        }
-    }
-
-    #[inline(always)]
-    fn stretch_z(&mut self, z: usize, flat: bool) {
-        let (taps, weights) = self.axes[2].at(z);
-        weigh_rows(&self.along_y, taps, weights, flat, &mut self.row);
-    }
+    /// A slice's new voxels. They are copied together: a row that was just written would have to be waited for.
+    slice: Vec<[T; WIDTH]>,
 }
 
 /// Noise for a tile.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TileNoise<'a> {
-    /// x fastest; rows go on for at least [`LANES`] values after the tile's end.
-    pub(super) values: &'a [f32],
-    /// Values from row to row, and rows from slice to slice.
-    pub(super) stride: usize,
-    pub(super) rows: usize,
-    /// Where the tile begins.
-    pub(super) first_xyz: [usize; 3],
+    /// z, then y; of whole source voxels.
+    pub(super) values: &'a [Row<f32>],
+    /// Rows of a slice.
+    pub(super) height: usize,
+    /// The row and slice where the tile begins.
+    pub(super) first_yz: [usize; 2],
     /// The detail's RMS over the local contrast.
     pub(super) amplitude: f64,
 }
 
 /// The source sample that the first of a tile's samples is, on each axis; it may lie outside.
 pub(super) fn first_samples(tile: &Region, factor: u64) -> [i64; 3] {
-    tile.min.map(|o| (o / factor) as i64 - super::weights::REACH as i64)
+    tile.min.map(|o| (o / factor) as i64 - REACH as i64)
 }
 
 /// How many source samples a tile needs along each axis.
 pub(super) fn sample_dims(tile: &Region, factor: u64) -> [usize; 3] {
     let first = first_samples(tile, factor);
     [0, 1, 2].map(|axis| {
-        let last = ((tile.max[axis] - 1) / factor) as i64 + super::weights::REACH as i64;
+        let last = ((tile.max[axis] - 1) / factor) as i64 + REACH as i64;
         (last - first[axis] + 1) as usize
     })
 }
@@ -127,33 +75,29 @@ pub(super) struct Target<'a, T> {
 /// clamped to the type's range.
 pub(super) fn make_tile<T: Sample, F: Real>(
     kernels: &Kernels<F>,
-    scratch: &mut TileScratch<F>,
+    scratch: &mut TileScratch<T, F>,
     tile: &Region,
     noise: Option<TileNoise<'_>>,
     target: &mut Target<'_, T>,
 ) -> u64 {
     let dims = scratch.dims_xyz;
-    let first = scratch.samples[0];
-    if first.finite() && scratch.samples.iter().all(|v| *v == first) {
+    let first = scratch.samples[0][0];
+    if first.finite() && scratch.samples.as_flattened().iter().all(|v| *v == first) {
         // All the same: so are the results, of every kernel, and there is no contrast.
         let value = first.sample();
         each_row(tile, target, |row, _| row.fill(value));
         return 0;
     }
-    scratch.values.set(&kernels.cubic, tile, dims);
+    let [_, first_y, first_z] = first_samples(tile, kernels.cubic.len() as u64);
+    let new_yz = [1, 2].map(|axis| tile.min[axis]..tile.max[axis]);
+    let (first_yz, count_yz) = ([first_y, first_z], [dims[1], dims[2]]);
+    scratch.values.set(&kernels.cubic, new_yz.clone(), first_yz, count_yz);
     if noise.is_some() {
-        scratch.amplitudes.set(&kernels.linear, tile, dims);
-        scratch.contrasts.resize(scratch.samples.len(), F::default());
+        scratch.amplitudes.set(&kernels.linear, new_yz, first_yz, count_yz);
+        scratch.contrasts.resize(scratch.samples.len(), [F::default(); LINE]);
     }
-    let shared = tile.intersection(&target.core);
-    let width = scratch.values.row.len();
-    scratch.in_core.clear();
-    scratch.in_core.resize(width, [0; LANES]);
-    for x in shared.min[0]..shared.max[0] {
-        scratch.in_core.as_flattened_mut()[(x - tile.min[0]) as usize] = 1;
-    }
-    let factor = kernels.cubic.len() as u64;
-    compute_tile(scratch, tile, &shared, factor, noise, target)
+    scratch.slice.resize(tile.dims_xyz()[1] as usize, [T::default(); WIDTH]);
+    compute_tile(kernels, scratch, tile, noise, target)
 }
 
 /// Calls `fill` with each of a tile's rows in the target, and which (y, z) of the tile it is.
@@ -177,104 +121,105 @@ fn row_start(tile: &Region, region: &Region, [y, z]: [usize; 2]) -> usize {
 
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq", "x86_64+avx2"))]
 fn compute_tile<T: Sample, F: Real>(
-    scratch: &mut TileScratch<F>,
+    kernels: &Kernels<F>,
+    scratch: &mut TileScratch<T, F>,
     tile: &Region,
-    core: &Region,
-    factor: u64,
     noise: Option<TileNoise<'_>>,
     target: &mut Target<'_, T>,
 ) -> u64 {
-    let TileScratch { samples, dims_xyz, values, contrasts: steps, amplitudes, in_core } = scratch;
-    let [nx, ny, _] = *dims_xyz;
+    let TileScratch { samples, dims_xyz, values, contrasts: steps, amplitudes, slice } = scratch;
+    let [_, ny, nz] = *dims_xyz;
+    let factor = kernels.cubic.len() as u64;
     // Integers are rounded in the end: what is flat comes out flat without more ado.
     let flat = !T::TYPE.is_integer();
-    let [width, height, depth] = tile.dims_xyz().map(|n| n as usize);
-    values.stretch_x(samples, nx, flat);
+    let lines = (0..nz).flat_map(|z| (0..ny).map(move |y| [y, z]));
+    for (at, line) in lines.clone().zip(&*samples) {
+        values.set_line(at, line, &kernels.cubic, flat);
+    }
     if let Some(noise) = noise {
-        contrasts(samples, *dims_xyz, noise.amplitude, steps);
-        amplitudes.stretch_x(steps, nx, false);
+        contrasts(samples, [ny, nz], noise.amplitude, steps);
+        for (at, line) in lines.zip(&*steps) {
+            amplitudes.set_line(at, line, &kernels.linear, false);
+        }
     }
-    let mut clamped = 0;
-    for y in 0..height {
-        values.stretch_y(y, ny, flat);
+    let core = tile.intersection(&target.core);
+    let counted = |axis: usize, o: usize| {
+        (core.min[axis]..core.max[axis]).contains(&(tile.min[axis] + o as u64))
+    };
+    // Rows begin with a whole source voxel.
+    let left = (tile.min[0] % factor) as usize;
+    let [width, _, depth] = tile.dims_xyz().map(|n| n as usize);
+    let (mut in_core, mut clamped) = ([0; WIDTH], [0; WIDTH]);
+    for x in 0..width {
+        in_core[left + x] = u32::from(counted(0, x));
+    }
+    for z in 0..depth {
+        values.stretch_z(z, flat);
         if noise.is_some() {
-            amplitudes.stretch_y(y, ny, false);
+            amplitudes.stretch_z(z, false);
         }
-        let in_rows = (core.min[1]..core.max[1]).contains(&(tile.min[1] + y as u64));
-        for z in 0..depth {
-            values.stretch_z(z, flat);
-            if let Some(noise) = noise {
-                amplitudes.stretch_z(z, false);
-                let [x0, y0, z0] = noise.first_xyz;
-                let first = ((z0 + z) * noise.rows + y0 + y) * noise.stride + x0;
-                let row = &noise.values[first..][..values.row.len() * LANES];
-                add_product(&mut values.row, &amplitudes.row, row.as_chunks::<LANES>().0);
-            }
-            let at = row_start(tile, &target.region, [y, z]);
-            let out = &mut target.out[at..at + width];
-            if T::TYPE.is_integer() {
-                let in_slices = (core.min[2]..core.max[2]).contains(&(tile.min[2] + z as u64));
-                if in_rows && in_slices {
-                    clamped += u64::from(clamp_counting::<T, F>(&mut values.row, in_core));
-                } else {
-                    clamp::<T, F>(&mut values.row);
-                }
-                for (out, value) in out.iter_mut().zip(values.row.as_flattened()) {
-                    *out = value.sample();
-                }
+        let mut finite = true;
+        for (y, new) in slice.iter_mut().enumerate() {
+            let in_core = if counted(1, y) && counted(2, z) { &in_core } else { &[0; WIDTH] };
+            let row = values.row(y);
+            finite &= if let Some(noise) = noise {
+                let [first_y, first_z] = noise.first_yz;
+                let noise = &noise.values[(first_z + z) * noise.height + first_y + y];
+                let amplitude = amplitudes.row(y);
+                let value =
+                    |i: usize| row.lane(i, flat) + amplitude.lane(i, false) * F::of_f32(noise[i]);
+                finish_row(value, in_core, &mut clamped, new)
             } else {
-                let mut finite = true;
-                for (out, value) in out.iter_mut().zip(values.row.as_flattened()) {
-                    *out = value.sample();
-                    finite &= value.finite();
-                }
-                if !finite {
-                    let (row, slice) = (tile.min[1] + y as u64, tile.min[2] + z as u64);
-                    let own = |o: u64, first: u64| (o / factor - first / factor) as usize + 2;
-                    let line = own(slice, tile.min[2]) * ny + own(row, tile.min[1]);
-                    for (out, x) in out.iter_mut().zip(tile.min[0]..) {
-                        if !out.is_finite() {
-                            *out = samples[line * nx + own(x, tile.min[0])].sample();
-                        }
-                    }
+                finish_row(|i| row.lane(i, flat), in_core, &mut clamped, new)
+            };
+        }
+        for (y, new) in slice.iter().enumerate() {
+            let at = row_start(tile, &target.region, [y, z]);
+            target.out[at..at + width].copy_from_slice(&new[left..left + width]);
+        }
+        if finite {
+            continue;
+        }
+        // What is no number spreads no farther than the voxels that have it.
+        for y in 0..slice.len() {
+            let own = |axis: usize, o: usize| {
+                ((tile.min[axis] + o as u64) / factor - tile.min[axis] / factor) as usize + REACH
+            };
+            let line = &samples[own(2, z) * ny + own(1, y)];
+            let at = row_start(tile, &target.region, [y, z]);
+            for (x, out) in target.out[at..at + width].iter_mut().enumerate() {
+                if !out.is_finite() {
+                    *out = line[own(0, x)].sample();
                 }
             }
         }
     }
-    clamped
+    clamped.iter().map(|lane| u64::from(*lane)).sum()
 }
 
-/// Adds amplitude times noise.
+/// Makes a row of new voxels from their values. Integers are rounded, and clamped to the range of `T`; those
+/// changes are counted where `counted` is 1. Returns whether all are numbers.
 #[inline(always)]
-fn add_product<F: Real>(row: &mut [[F; LANES]], amplitudes: &[[F; LANES]], noise: &[[f32; LANES]]) {
-    let factors = amplitudes.as_flattened().iter().zip(noise.as_flattened());
-    for (value, (amplitude, noise)) in row.as_flattened_mut().iter_mut().zip(factors) {
-        *value += *amplitude * F::of_f32(*noise);
-    }
-}
-
-/// Rounds to whole numbers and clamps to the range of `T`.
-#[inline(always)]
-fn clamp<T: Sample, F: Real>(row: &mut [[F; LANES]]) {
+fn finish_row<T: Sample, F: Real>(
+    value: impl Fn(usize) -> F,
+    counted: &[u32; WIDTH],
+    clamped: &mut [u32; WIDTH],
+    row: &mut [T; WIDTH],
+) -> bool {
     let (least, greatest) = (F::of(T::LEAST), F::of(T::GREATEST));
-    for value in row.as_flattened_mut() {
-        let whole = value.round();
-        let above = if whole < least { least } else { whole };
-        *value = if above > greatest { greatest } else { above };
+    let mut finite = true;
+    for i in 0..WIDTH {
+        let value = value(i);
+        if T::TYPE.is_integer() {
+            let whole = value.round();
+            let above = if whole < least { least } else { whole };
+            let inside = if above > greatest { greatest } else { above };
+            clamped[i] += counted[i] & u32::from(inside != whole);
+            row[i] = inside.sample();
+        } else {
+            finite &= value.finite();
+            row[i] = value.sample();
+        }
     }
-}
-
-/// As [`clamp`]; returns how many it changes where `counted` is 1.
-#[inline(always)]
-fn clamp_counting<T: Sample, F: Real>(row: &mut [[F; LANES]], counted: &[[u32; LANES]]) -> u32 {
-    let (least, greatest) = (F::of(T::LEAST), F::of(T::GREATEST));
-    let mut clamped = 0;
-    for (value, counted) in row.as_flattened_mut().iter_mut().zip(counted.as_flattened()) {
-        let whole = value.round();
-        let above = if whole < least { least } else { whole };
-        let inside = if above > greatest { greatest } else { above };
-        clamped += counted & u32::from(inside != whole);
-        *value = inside;
-    }
-    clamped
+    finite
 }
