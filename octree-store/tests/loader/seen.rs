@@ -121,9 +121,10 @@ fn what_was_seen_comes_back_with_the_view_before_any_new_feedback() {
     let back = show.loader.frame(&scene);
     // The four children of the root before the wall, and of the others none.
     let own = |x| {
-        let drawn = back.index.leaves().filter(|(key, node)| {
-            first_x(*key) == x && key.level() == 2 && node.data_level == 2
-        });
+        let drawn = back
+            .index
+            .leaves()
+            .filter(|(key, node)| first_x(*key) == x && key.level() == 2 && node.data_level == 2);
         drawn.count()
     };
     assert_eq!((own(0), own(32)), (4, 0));
