@@ -1,6 +1,6 @@
 """simpleitk_resample.py RAW SIDE FACTOR [OUT]: enlarges a cube of u16 by ITK and prints how long that took.
 
-The resample filter with sitkBSplineResampler: cubic B-splines that pass through the samples, coefficients first.
+The resample filter with sitkBSplineResampler: sums of cubic B-splines, the samples taken as their coefficients.
 It is told the same grid, and uses all cores.
 """
 import json, sys, time
