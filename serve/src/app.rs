@@ -13,6 +13,7 @@ use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::Semaphore;
 
 type CacheKey = (u64, Shape, NodeKey);
 
@@ -33,6 +34,8 @@ pub(crate) struct App {
     pub(crate) decoders: Decoders,
     pub(crate) metrics: Metrics,
     pub(crate) renderer: Option<Arc<dyn Renderer>>,
+    /// One picture at a time: a renderer takes all processors.
+    pub(crate) drawing: Arc<Semaphore>,
     products: Cache<CacheKey, Product, Bytes>,
     ready: AtomicBool,
 }
@@ -52,6 +55,7 @@ impl App {
             decoders: Decoders::new(limits.decodes, limits.waiting, limits.streams),
             metrics: Metrics::default(),
             renderer,
+            drawing: Arc::new(Semaphore::new(1)),
             products: Cache::with_weighter(items, options.cache_bytes, Bytes),
             ready: AtomicBool::new(true),
             options,

@@ -1,29 +1,34 @@
 //! Where a renderer can be plugged in: the server itself draws nothing.
 
 use octree_store::Store;
-use octree_store::loader::{Camera, TransferFunction};
+use octree_store::loader::{TransferFunction, View};
+use std::time::Duration;
 use thiserror::Error;
 
 /// A picture that a client asks for.
 #[derive(Debug, Clone)]
 pub struct RenderRequest {
-    /// Where the eye is.
-    pub camera: Camera,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// What values look like.
-    pub transfer: TransferFunction,
+    /// Where the eye is, and how large the picture.
+    pub view: View,
+    /// What values look like; none is for the renderer to choose.
+    pub transfer: Option<TransferFunction>,
     /// Pixels that a voxel may cover.
     pub accuracy: f64,
+    /// Distance of samples, in voxels of the level at hand.
+    pub step_voxels: f64,
+    /// After so long the picture is to be told as it is, coarse as it may be.
+    pub at_most: Duration,
 }
 
-/// A finished picture.
+/// A picture.
 #[derive(Debug, Clone)]
 pub struct Picture {
     /// Its bytes, in a format that browsers show.
     pub bytes: Vec<u8>,
     /// Of the bytes, as in `image/png`.
     pub content_type: &'static str,
+    /// Whether it is as fine as was asked for. If not, the same request gives a finer one.
+    pub converged: bool,
 }
 
 /// Why there is no picture.
@@ -31,7 +36,7 @@ pub struct Picture {
 #[error("{0}")]
 pub struct RenderError(pub String);
 
-/// Draws pictures of stores. Called on threads that may wait.
+/// Draws pictures of stores, one at a time, on a thread that may wait.
 pub trait Renderer: Send + Sync {
     /// Draws one picture.
     ///

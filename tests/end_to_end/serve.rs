@@ -68,6 +68,48 @@ fn it_ends_cleanly_when_it_is_interrupted_and_logs_requests_as_json() {
     assert_eq!((&entry["method"], &entry["status"]), (&"GET".into(), &200.into()));
 }
 
+/// The compressed pixels of a PNG.
+fn pixels(png: &[u8]) -> Vec<u8> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 8 <= png.len() {
+        let length = u32::from_be_bytes(png[at..at + 4].try_into().unwrap()) as usize;
+        if &png[at + 4..at + 8] == b"IDAT" {
+            found.extend_from_slice(&png[at + 8..at + 8 + length]);
+        }
+        at += 12 + length;
+    }
+    assert!(!found.is_empty(), "a PNG has pixels");
+    found
+}
+
+#[test]
+fn a_served_picture_is_the_one_that_render_draws() {
+    let bench = Bench::new();
+    bench.ok(&format!("convert {} -o tooth.octavo", sample("tooth.nii.gz")));
+    let camera = r#"{"projection":"perspective","position":[250,-60,-90],"target":[51,47,80],"up":[0,-1,0],"fov_y_deg":30}"#;
+    bench.write("eye.json", camera.as_bytes());
+    bench.ok("render tooth.octavo -o eye.png --size 120x90 --camera eye.json --backend cpu");
+    let server = Serving::new(&bench, "tooth.octavo --renderer cpu");
+    let body = format!(r#"{{"camera":{camera},"size":[120,90],"step":0.5,"seconds":30}}"#);
+    let address = server.base.trim_start_matches("http://");
+    let mut stream = std::net::TcpStream::connect(address).unwrap();
+    let head = format!(
+        "POST /v1/tooth/render HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n",
+        body.len()
+    );
+    std::io::Write::write_all(&mut stream, (head + &body).as_bytes()).unwrap();
+    let mut reply = Vec::new();
+    std::io::Read::read_to_end(&mut stream, &mut reply).unwrap();
+    let end = reply.windows(4).position(|bytes| bytes == b"\r\n\r\n").unwrap();
+    let head = String::from_utf8_lossy(&reply[..end]).to_lowercase();
+    assert!(
+        head.starts_with("http/1.1 200") && head.contains("x-octavo-converged: true"),
+        "{head}"
+    );
+    let own = std::fs::read(bench.path("eye.png")).unwrap();
+    assert!(pixels(&reply[end + 4..]) == pixels(&own), "the same pixels");
+}
+
 #[test]
 fn what_it_cannot_do_is_said_with_the_right_exit_code() {
     let bench = Bench::new();

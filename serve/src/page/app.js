@@ -2,6 +2,10 @@
 
 import { Slices, dimsAt, draw, fetchSlice } from "./slices.js";
 import { histogram } from "./histogram.js";
+import { Volume } from "./volume.js";
+
+/** The 3-D view that is shown. */
+let volume = null;
 
 const by = (id) => document.getElementById(id);
 const say = (text) => { by("status").textContent = text; };
@@ -97,10 +101,12 @@ async function detail(name) {
   links(name);
   const slices = new Slices(by("views"), info, name, statistics.window, say);
   by("level").replaceChildren(...info.levels.map(({ level, dims_xyz }) => made("option", `${level}: ${dims_xyz.join(" × ")}`, { value: level })));
+  volume = new Volume(by("volume"), info, name, statistics.window);
   slices.onlevel = (level) => { by("level").value = level; };
   slices.onwindow = (window) => {
     [by("low").value, by("high").value] = window.map((v) => Number(v.toPrecision(6)));
     histogram(by("histogram"), statistics, window);
+    volume.setWindow(window);
   };
   by("level").onchange = () => slices.setLevel(Number(by("level").value));
   by("low").onchange = by("high").onchange = () => slices.setWindow([Number(by("low").value), Number(by("high").value)]);
@@ -115,6 +121,7 @@ async function detail(name) {
 async function route() {
   const name = decodeURIComponent(location.hash.slice(1));
   say("Loading…");
+  volume?.end();
   try {
     await (name ? detail(name) : list());
   } catch (error) {

@@ -31,7 +31,7 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::cors::{AllowHeaders, Any, CorsLayer};
 
 /// Headers of answers that scripts of other origins may read.
-const EXPOSED: [HeaderName; 9] = [
+const EXPOSED: [HeaderName; 10] = [
     header::ETAG,
     header::CONTENT_LENGTH,
     header::CONTENT_RANGE,
@@ -41,6 +41,7 @@ const EXPOSED: [HeaderName; 9] = [
     HeaderName::from_static(RECORD),
     HeaderName::from_static(VALUE_MAP),
     HeaderName::from_static(DIMS),
+    HeaderName::from_static(CONVERGED),
 ];
 
 /// Stored, uniform or empty.
@@ -51,6 +52,8 @@ const RECORD: &str = "x-octavo-record";
 const VALUE_MAP: &str = "x-octavo-value-map";
 /// Samples along the axes of the body, fastest first.
 const DIMS: &str = "x-octavo-dims";
+/// Whether a picture is as fine as was asked for.
+const CONVERGED: &str = "x-octavo-converged";
 
 /// The server's routes with all that stands before them.
 pub(crate) fn router(app: &Arc<App>) -> Router {

@@ -29,6 +29,7 @@ pub(super) async fn file(
         "style.css" => include_str!("../page/style.css"),
         "app.js" => include_str!("../page/app.js"),
         "slices.js" => include_str!("../page/slices.js"),
+        "volume.js" => include_str!("../page/volume.js"),
         "histogram.js" => include_str!("../page/histogram.js"),
         _ => return Err(Problem::absent("the page has no such file")),
     };

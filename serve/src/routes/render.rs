@@ -1,32 +1,68 @@
 //! A picture drawn by the server, where it has a renderer.
 
-use super::read_json;
+use super::{CONVERGED, read_json};
 use crate::app::App;
 use crate::problem::Problem;
 use crate::render::RenderRequest;
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::response::{IntoResponse, Response};
-use http::{StatusCode, header};
-use octree_store::loader::{Camera, TransferFunction};
+use http::{HeaderName, StatusCode, header};
+use octree_store::loader::{Camera, TransferFunction, View};
 use serde::Deserialize;
 use std::sync::Arc;
+use std::time::Duration;
 
-/// Pixels of a picture's side, at most.
-const SIDE_LIMIT: u32 = 4096;
+/// Pixels of a picture, at most.
+const PIXEL_LIMIT: u64 = 4 << 20;
+
+/// The longest that a client may let a picture take, in seconds.
+const SECONDS_LIMIT: f64 = 30.0;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Wanted {
     camera: Camera,
     size: [u32; 2],
-    transfer: TransferFunction,
+    transfer: Option<TransferFunction>,
     #[serde(default = "one")]
     accuracy: f64,
+    #[serde(default = "one")]
+    step: f64,
+    #[serde(default = "ten")]
+    seconds: f64,
 }
 
 fn one() -> f64 {
     1.0
+}
+
+fn ten() -> f64 {
+    10.0
+}
+
+impl Wanted {
+    fn request(self) -> Result<RenderRequest, Problem> {
+        let Self { camera, size, transfer, accuracy, step: step_voxels, seconds } = self;
+        let pixels = size.iter().map(|side| u64::from(*side)).product::<u64>();
+        if !(1..=PIXEL_LIMIT).contains(&pixels) {
+            return Err(Problem::malformed(format!("size must be 1 to {PIXEL_LIMIT} pixels")));
+        }
+        for (name, value) in
+            [("accuracy, in pixels a voxel,", accuracy), ("step, in voxels,", step_voxels)]
+        {
+            if !(0.1..=1e6).contains(&value) {
+                return Err(Problem::malformed(format!("{name} must be 0.1 to 1000000")));
+            }
+        }
+        if !(0.0..=SECONDS_LIMIT).contains(&seconds) {
+            return Err(Problem::malformed(format!("seconds must be 0 to {SECONDS_LIMIT}")));
+        }
+        let view =
+            View::new(camera, size).map_err(|error| Problem::malformed(error.to_string()))?;
+        let at_most = Duration::from_secs_f64(seconds);
+        Ok(RenderRequest { view, transfer, accuracy, step_voxels, at_most })
+    }
 }
 
 pub(super) async fn render(
@@ -36,22 +72,27 @@ pub(super) async fn render(
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
     let wanted: Wanted = read_json(body, app.options.limits.body_bytes).await?;
+    let request = wanted.request()?;
     let Some(renderer) = app.renderer.clone() else {
         let detail = "this server draws no pictures";
         return Err(Problem::new(StatusCode::NOT_IMPLEMENTED, "no renderer", detail));
     };
-    let Wanted { camera, size, transfer, accuracy } = wanted;
-    if size.iter().any(|side| !(1..=SIDE_LIMIT).contains(side)) {
-        return Err(Problem::malformed(format!("each side must be 1 to {SIDE_LIMIT} pixels")));
-    }
-    if !accuracy.is_finite() || accuracy <= 0.0 {
-        return Err(Problem::malformed("accuracy, in pixels a voxel, must be above 0"));
-    }
-    let request = RenderRequest { camera, size, transfer, accuracy };
+    let permit = Arc::clone(&app.drawing).try_acquire_owned();
+    let permit = permit.map_err(|_| Problem::busy("another picture is being drawn"))?;
     let dataset = Arc::clone(&named.dataset);
-    let drawn = app.decoders.run(move |_| renderer.render(&dataset.store, &request)).await?;
+    let drawn = tokio::task::spawn_blocking(move || {
+        // The permit goes with the work: a client that leaves does not make room for another picture.
+        let _permit = permit;
+        renderer.render(&dataset.store, &request)
+    });
+    let drawn = drawn
+        .await
+        .map_err(|_| Problem::internal("drawing failed for a reason of the program's own"))?;
     let picture = drawn.map_err(|error| Problem::internal(error.to_string()))?;
-    let headers =
-        [(header::CONTENT_TYPE, picture.content_type), (header::CACHE_CONTROL, "no-store")];
+    let headers = [
+        (header::CONTENT_TYPE, picture.content_type),
+        (header::CACHE_CONTROL, "no-store"),
+        (HeaderName::from_static(CONVERGED), if picture.converged { "true" } else { "false" }),
+    ];
     Ok((headers, picture.bytes).into_response())
 }

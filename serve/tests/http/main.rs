@@ -7,6 +7,7 @@ mod description;
 mod limits;
 mod manners;
 mod native;
+mod render;
 mod rescan;
 mod support;
 mod viewers;

@@ -1,9 +1,10 @@
 //! Small stores made of a function, a server over them, and a client.
 
 use octree_store::{Encoding, Geometry, Metadata, NodeKey, Sample, StoreWriter, encode_samples};
-use serve::{Options, Server};
+use serve::{Options, Renderer, Server};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// A volume with all its levels, x fastest; each level the mean of the one below.
@@ -125,7 +126,12 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    pub(crate) fn new(mut options: Options) -> Self {
+    pub(crate) fn new(options: Options) -> Self {
+        Self::drawing(options, None)
+    }
+
+    /// A server with a renderer.
+    pub(crate) fn drawing(mut options: Options, renderer: Option<Arc<dyn Renderer>>) -> Self {
         options.bind.set_port(0);
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let (tell, told) = std::sync::mpsc::sync_channel(1);
@@ -136,7 +142,7 @@ impl Running {
                 .build()
                 .unwrap();
             runtime.block_on(async move {
-                let server = Server::bind(options, None).await.unwrap();
+                let server = Server::bind(options, renderer).await.unwrap();
                 tell.send(server.address()).unwrap();
                 let stopped = async {
                     let _ = stopped.await;

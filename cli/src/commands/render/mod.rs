@@ -8,7 +8,7 @@ use crate::exit::Answer;
 use crate::parse;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
-pub(super) use look::{LookArgs, data_range};
+pub(super) use look::{LookArgs, data_range, default_transfer};
 use octree_store::Store;
 use octree_store::loader::{Camera, View};
 use render_check::gpu::{AdapterChoice, GpuBackend, Sampling};

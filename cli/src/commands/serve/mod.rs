@@ -1,10 +1,13 @@
 //! `octavo serve`: stores over HTTP.
 
+mod pictures;
+
 use crate::exit::Answer;
 use crate::parse;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use octree_store::StoreError;
+use pictures::{Drawer, Pictures};
 use serve::{Compressor, Options, ServeError, Server, Token, neuroglancer_link};
 use std::future::Future;
 use std::io::{self, Write};
@@ -52,6 +55,9 @@ pub(super) struct Serve {
     /// Bricks decoded at once (default: one a processor)
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
+    /// Who draws pictures for the 3-D view
+    #[arg(long, value_enum, default_value_t)]
+    renderer: RendererName,
     /// Write a line of JSON for every request to standard error
     #[arg(long)]
     access_log: bool,
@@ -62,6 +68,31 @@ enum CompressorName {
     #[default]
     None,
     Zstd,
+}
+
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum RendererName {
+    /// Vulkan where there is any, else the processor
+    #[default]
+    Auto,
+    /// Vulkan
+    Gpu,
+    /// The processor
+    Cpu,
+    /// Nobody
+    None,
+}
+
+impl RendererName {
+    fn renderer(self) -> Option<Arc<dyn serve::Renderer>> {
+        let drawer = match self {
+            Self::Auto => Drawer::Any,
+            Self::Gpu => Drawer::Gpu,
+            Self::Cpu => Drawer::Cpu,
+            Self::None => return None,
+        };
+        Some(Arc::new(Pictures::new(drawer)))
+    }
 }
 
 impl Serve {
@@ -76,12 +107,14 @@ impl Serve {
             .build()
             .context("threads cannot be started")?;
         runtime.block_on(async {
-            let server = Server::bind(options, None).await.map_err(|error| match error {
-                ServeError::Options(error) => anyhow::Error::new(error),
-                ServeError::Bind { bind, source } => {
-                    anyhow::Error::new(source).context(format!("{bind} cannot be listened on"))
-                }
-            })?;
+            let server = Server::bind(options, self.renderer.renderer()).await.map_err(
+                |error| match error {
+                    ServeError::Options(error) => anyhow::Error::new(error),
+                    ServeError::Bind { bind, source } => {
+                        anyhow::Error::new(source).context(format!("{bind} cannot be listened on"))
+                    }
+                },
+            )?;
             // Who started it may have stopped listening; it serves all the same.
             let _ = announce(&server);
             server.run(stopped()?).await;
