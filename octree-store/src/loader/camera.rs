@@ -164,11 +164,27 @@ impl From<Camera> for CameraJson {
 
 /// One camera and the image that it makes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ViewJson")]
 pub struct View {
     /// The camera.
     pub camera: Camera,
     /// Width and height of the image in pixels.
     pub size: [u32; 2],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewJson {
+    camera: Camera,
+    size: [u32; 2],
+}
+
+impl TryFrom<ViewJson> for View {
+    type Error = ViewError;
+
+    fn try_from(json: ViewJson) -> Result<Self, ViewError> {
+        Self::new(json.camera, json.size)
+    }
 }
 
 impl View {

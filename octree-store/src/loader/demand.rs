@@ -41,6 +41,20 @@ pub struct Quality {
     pub criterion: Criterion,
 }
 
+impl Quality {
+    /// Whether it is the same to the bit: equality, but for numbers that are none.
+    pub(super) fn is(&self, other: &Self) -> bool {
+        let criterion = match (self.criterion, other.criterion) {
+            (
+                Criterion::MeasuredError { tolerance: a, deviation },
+                Criterion::MeasuredError { tolerance: b, deviation: other },
+            ) => a.to_bits() == b.to_bits() && deviation == other,
+            (a, b) => a == b,
+        };
+        criterion && self.accuracy.to_bits() == other.accuracy.to_bits()
+    }
+}
+
 impl Default for Quality {
     fn default() -> Self {
         Self { accuracy: 1.0, criterion: Criterion::ProjectedSize }

@@ -14,6 +14,7 @@ use crate::key::NodeKey;
 use crate::metadata::Metadata;
 use crate::record::{BrickState, NodeRecord};
 use crate::store::{BrickScratch, Store};
+use std::cell::Cell;
 use std::collections::{HashMap, VecDeque};
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -87,8 +88,29 @@ struct Shared {
     /// What is being read, and what was read and not collected.
     active: HashMap<NodeKey, Active>,
     done: Vec<Fetched>,
-    /// Threads that have panicked.
+    /// Threads that have panicked, and the jobs that nobody will do because of it.
     lost: usize,
+    lost_jobs: Vec<Job>,
+}
+
+impl Shared {
+    /// A job is being read no longer.
+    fn release(&mut self, job: Job) {
+        if let Some(active) = self.active.get_mut(&job.parent) {
+            active.jobs -= 1;
+            active.octants &= !job.octants;
+            if active.jobs == 0 {
+                self.active.remove(&job.parent);
+            }
+        }
+    }
+
+    /// Once all of so many threads are lost, nobody does what is queued.
+    fn give_up(&mut self, threads: usize) {
+        if self.lost == threads {
+            self.lost_jobs.extend(self.queue.drain(..));
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -131,7 +153,7 @@ impl Fetcher {
             let (source, common) = (Arc::clone(source), Arc::clone(&common));
             let thread = std::thread::Builder::new()
                 .name(format!("octavo-fetch-{number}"))
-                .spawn(move || work(&*source, &common))?;
+                .spawn(move || work(&*source, &common, threads))?;
             fetcher.threads.push(thread);
         }
         Ok(fetcher)
@@ -153,11 +175,12 @@ impl Fetcher {
                 }
             }
             bricks += (job.octants.count_ones() as usize).max(1);
-            if bricks > limit && !shared.queue.is_empty() {
+            if bricks > limit {
                 break;
             }
             shared.queue.push_back(job);
         }
+        shared.give_up(self.threads.len());
         if !shared.queue.is_empty() {
             self.common.wake.notify_all();
         }
@@ -168,13 +191,7 @@ impl Fetcher {
         let mut shared = self.common.lock();
         let done = std::mem::take(&mut shared.done);
         for fetched in &done {
-            if let Some(active) = shared.active.get_mut(&fetched.job.parent) {
-                active.jobs -= 1;
-                active.octants &= !fetched.job.octants;
-                if active.jobs == 0 {
-                    shared.active.remove(&fetched.job.parent);
-                }
-            }
+            shared.release(fetched.job);
         }
         if !done.is_empty() {
             self.common.wake.notify_all();
@@ -198,10 +215,10 @@ impl Fetcher {
 
     /// Waits until something has been fetched that was not collected, or for so long.
     pub(super) fn wait(&self, at_most: Duration) {
-        let until = Instant::now() + at_most;
+        let started = Instant::now();
         let mut shared = self.common.lock();
         while shared.done.is_empty() && !(shared.queue.is_empty() && shared.active.is_empty()) {
-            let left = until.saturating_duration_since(Instant::now());
+            let left = at_most.saturating_sub(started.elapsed());
             if left.is_zero() {
                 return;
             }
@@ -210,10 +227,11 @@ impl Fetcher {
         }
     }
 
-    /// Threads that have ended by a panic since the last call.
-    pub(super) fn lost_threads(&mut self) -> usize {
-        let lost = self.common.lock().lost;
-        lost - std::mem::replace(&mut self.lost_told, lost)
+    /// Threads that have ended by a panic since the last call, and jobs that were lost by it.
+    pub(super) fn lost(&mut self) -> (usize, Vec<Job>) {
+        let mut shared = self.common.lock();
+        let told = std::mem::replace(&mut self.lost_told, shared.lost);
+        (shared.lost - told, std::mem::take(&mut shared.lost_jobs))
     }
 }
 
@@ -229,20 +247,31 @@ impl Drop for Fetcher {
     }
 }
 
-/// Counts a thread that panics.
-struct Alive<'a>(&'a Common);
+/// Counts a thread that panics, and tells what it was reading.
+struct Alive<'a> {
+    common: &'a Common,
+    threads: usize,
+    job: Cell<Option<Job>>,
+}
 
 impl Drop for Alive<'_> {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            self.0.lock().lost += 1;
+            let mut shared = self.common.lock();
+            shared.lost += 1;
+            if let Some(job) = self.job.take() {
+                shared.release(job);
+                shared.lost_jobs.push(job);
+            }
+            shared.give_up(self.threads);
+            self.common.wake.notify_all();
         }
     }
 }
 
 /// What each thread does.
-fn work(source: &dyn BrickSource, common: &Common) {
-    let _alive = Alive(common);
+fn work(source: &dyn BrickSource, common: &Common, threads: usize) {
+    let alive = Alive { common, threads, job: Cell::new(None) };
     let mut scratch = BrickScratch::default();
     loop {
         let job = {
@@ -260,6 +289,7 @@ fn work(source: &dyn BrickSource, common: &Common) {
                 shared = common.wake.wait(shared).unwrap_or_else(PoisonError::into_inner);
             }
         };
+        alive.job.set(Some(job));
         let fetched = fetch(source, job, &common.stop, &mut scratch);
         common.lock().done.push(fetched);
         common.wake.notify_all();

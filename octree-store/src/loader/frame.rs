@@ -11,6 +11,7 @@ use super::fetch::{BrickSource, Fetcher, Job};
 use super::in_core::{Pools, Records};
 use super::index::SpatialIndex;
 use super::lru::Lru;
+use super::nodes::Child;
 use super::prefetch;
 use super::projection::{Projection, ViewSet};
 use super::refine::Refiner;
@@ -114,7 +115,8 @@ pub enum Event {
         /// Why.
         error: StoreError,
     },
-    /// Fetch threads have ended by a panic, which is a bug; the others go on.
+    /// Fetch threads have ended by a panic, which is a bug; the others go on. What they were asked to read counts as
+    /// damaged, as does everything once no thread is left.
     ThreadsLost {
         /// How many.
         count: usize,
@@ -347,7 +349,8 @@ impl Loader {
     pub fn retry_damaged(&mut self) {
         self.pools.damaged.clear();
         self.records.groups = Lru::new();
-        self.refiner.forget_damage();
+        self.records.root = None;
+        self.refiner.forget_damage(&mut self.pools);
     }
 
     /// Puts what the threads have read into the caches.
@@ -371,7 +374,19 @@ impl Loader {
                 }
             }
         }
-        let count = self.fetcher.lost_threads();
+        let (count, jobs) = self.fetcher.lost();
+        for Job { parent, octants } in jobs {
+            if octants == 0 {
+                self.records.insert(parent, Arc::new([Child::Damaged; 8]));
+                continue;
+            }
+            let top = self.records.geometry.root();
+            let children = if parent == top.parent() { [top; 8] } else { parent.children() };
+            for key in (0..8).filter(|i| octants >> i & 1 == 1).map(|i| children[i]) {
+                self.refiner.mark_damaged(key);
+                self.pools.damaged.insert(key);
+            }
+        }
         if count > 0 {
             events.push(Event::ThreadsLost { count });
         }
@@ -381,7 +396,7 @@ impl Loader {
     /// What differs from the last frame's scene.
     fn remember(&mut self, scene: &Scene) -> Change {
         let change = match &self.scene {
-            Some(old) if old.appearance == *scene.appearance && old.quality == scene.quality => {
+            Some(old) if old.appearance.is(scene.appearance) && old.quality.is(&scene.quality) => {
                 if old.views == scene.views && old.clip == scene.clip {
                     return Change::Nothing;
                 }

@@ -29,6 +29,8 @@ pub(super) struct Refiner {
     frame: u32,
     /// The number of the last feedback.
     feedback: u32,
+    /// Whether the tree was changed since the last frame.
+    changed: bool,
     /// The volume's range of values, for errors that are relative to it.
     volume_range: [f64; 2],
     candidates: BinaryHeap<Candidate>,
@@ -43,6 +45,7 @@ impl Refiner {
             tree: None,
             frame: 0,
             feedback: 0,
+            changed: false,
             volume_range: [0.0; 2],
             candidates: BinaryHeap::new(),
             stack: Vec::new(),
@@ -75,12 +78,24 @@ impl Refiner {
         }
     }
 
-    /// Gives damaged nodes another chance; those whose records were unreadable come anew with their siblings.
-    pub(super) fn forget_damage(&mut self) {
+    /// Gives damaged nodes another chance. Groups with a record that was unreadable are let go, to come anew.
+    pub(super) fn forget_damage(&mut self, holder: &mut impl Holder) {
         let Some(tree) = &mut self.tree else { return };
+        if tree.get(0).presence == Presence::Unreadable {
+            self.tree = None;
+            return;
+        }
         for place in tree.places() {
-            let node = tree.get_mut(place);
-            node.damaged = node.presence == Presence::Unreadable;
+            let unreadable = |child| tree.get(child).presence == Presence::Unreadable;
+            if tree.children(place).any(unreadable) {
+                self.changed = true;
+                tree.merge(place, &mut |child| {
+                    if child.slot != NONE {
+                        holder.give_back(child.key, child.slot);
+                    }
+                });
+            }
+            tree.get_mut(place).damaged = false;
         }
     }
 
@@ -92,7 +107,8 @@ impl Refiner {
         holder: &mut impl Holder,
     ) -> Outcome {
         self.frame += 1;
-        let mut outcome = Outcome::default();
+        let changed = std::mem::take(&mut self.changed);
+        let mut outcome = Outcome { changed, ..Outcome::default() };
         let fresh = self.tree.is_none();
         if fresh {
             let key = source.geometry().root();
@@ -431,7 +447,7 @@ fn too_coarse(node: &Node, demand: &Demand) -> bool {
         && node.level > 0
         && node.size > demand.quality.accuracy as f32
         && !node.empty
-        && !(node.summary.state == BrickState::Uniform && low == high)
+        && !(node.summary.state != BrickState::Stored && low == high)
         && match demand.quality.criterion {
             Criterion::ProjectedSize => true,
             Criterion::MeasuredError { tolerance, .. } => node.error > tolerance as f32,

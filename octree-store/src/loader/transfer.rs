@@ -206,6 +206,14 @@ pub enum Appearance {
 }
 
 impl Appearance {
+    /// Whether it is the same to the bit: equality, but for a surface of no number.
+    pub(super) fn is(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Isovalue(a), Self::Isovalue(b)) => a.to_bits() == b.to_bits(),
+            (a, b) => a == b,
+        }
+    }
+
     /// Whether nothing of the range `min..=max` can be seen.
     pub fn is_empty(&self, min: f64, max: f64) -> bool {
         match self {

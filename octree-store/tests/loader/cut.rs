@@ -36,7 +36,7 @@ fn naive(scene: &Scene) -> BTreeSet<(NodeKey, LeafKind)> {
         let [low, high] = summary.subtree_range;
         let size = views.voxel_size(key.level(), key.brick_xyz().map(|c| c as u32));
         let empty = scene.appearance.is_empty(low, high);
-        let constant = summary.state == BrickState::Uniform && low == high;
+        let constant = summary.state != BrickState::Stored && low == high;
         let coarse = size.is_some_and(|size| size > scene.quality.accuracy as f32);
         if coarse && !empty && !constant && key.level() > 0 {
             let Lookup::Ready(children) = nodes.children(key) else { panic!("at once") };

@@ -133,8 +133,8 @@ fn a_damaged_record_harms_only_what_lies_beneath_it() {
     let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
     let top = volume().store.geometry().top_level();
     let broken = NodeKey::new(top - 1, [0, 1, 0]);
-    let mut source = Watched::new(volume());
-    source.unreadable.insert(broken);
+    let source = Watched::new(volume());
+    source.unreadable.lock().unwrap().insert(broken);
     let (frame, damaged) = converge(&mut Show::new(source, options()), &scene);
     assert_eq!(damaged, [broken]);
     let mut found = shown(&frame);
@@ -151,8 +151,8 @@ fn a_damaged_record_harms_only_what_lies_beneath_it() {
 fn a_root_that_cannot_be_read_is_reported_and_nothing_hangs() {
     let appearance = opaque_above(100.0, 1.0);
     let (views, root) = (views(), volume().store.geometry().root());
-    let mut source = Watched::new(volume());
-    source.unreadable.insert(root);
+    let source = Watched::new(volume());
+    source.unreadable.lock().unwrap().insert(root);
     let (frame, damaged) = converge(&mut Show::new(source, options()), &scene(&views, &appearance));
     assert_eq!(damaged, [root]);
     assert!(frame.index.leaves().all(|(_, node)| node.data == NodeData::Missing));
@@ -164,24 +164,82 @@ fn a_root_that_cannot_be_read_is_reported_and_nothing_hangs() {
     assert!(shown(&frame).values().any(|data| *data == (0, true)), "what lies beneath is whole");
 }
 
-#[test]
-fn a_panic_in_a_thread_is_reported_and_the_others_go_on() {
-    let appearance = opaque_above(100.0, 1.0);
-    let views = views();
-    let mut source = Watched::new(volume());
-    source.bug = Some(NodeKey::new(2, [1, 0, 1]));
-    let mut show = Show::new(source.clone(), options());
+/// Frames until nothing is left to do, and the threads that were lost on the way.
+fn converge_with_losses(show: &mut Show, scene: &Scene) -> (Frame, usize) {
     let mut lost = 0;
-    for _ in 0..200 {
-        for event in show.frame(&scene(&views, &appearance)).events {
-            if let Event::ThreadsLost { count } = event {
-                lost += count;
+    for _ in 0..1000 {
+        let frame = show.frame(scene);
+        for event in &frame.events {
+            match event {
+                Event::ThreadsLost { count } => lost += count,
+                Event::Damaged { .. } => panic!("nothing is damaged"),
             }
         }
-        show.loader.wait(Duration::from_millis(2));
+        if frame.converged {
+            return (frame, lost);
+        }
+        show.loader.wait(Duration::from_millis(20));
     }
+    panic!("not converged: {:?}", show.loader.statistics())
+}
+
+#[test]
+fn a_panic_in_a_thread_is_reported_and_harms_only_the_siblings_that_it_read() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
+    let bug = *whole.iter().find(|(key, data)| key.level() == 0 && data.1).unwrap().0;
+    let mut source = Watched::new(volume());
+    source.bug = Some(bug);
+    let (frame, lost) = converge_with_losses(&mut Show::new(source, options()), &scene);
     assert_eq!(lost, 1);
-    let _ = source;
+    let mut found = shown(&frame);
+    assert_eq!(found[&bug], (1, true), "its parent is shown");
+    found.retain(|key, _| key.parent() != bug.parent());
+    let others = whole.into_iter().filter(|(key, _)| key.parent() != bug.parent()).collect();
+    assert_eq!(found, others);
+}
+
+#[test]
+fn when_all_threads_are_lost_the_view_comes_to_rest_with_what_is_there() {
+    let appearance = opaque_above(100.0, 1.0);
+    let (views, root) = (views(), volume().store.geometry().root());
+    for bug in [root, root.children()[3]] {
+        let mut source = Watched::new(volume());
+        source.bug = Some(bug);
+        let options = LoaderOptions { threads: 1, ..options() };
+        let mut show = Show::new(source, options);
+        let (frame, lost) = converge_with_losses(&mut show, &scene(&views, &appearance));
+        assert_eq!(lost, 1);
+        assert_eq!(
+            frame.index.leaves().any(|(_, node)| node.data == NodeData::Missing),
+            bug == root
+        );
+        assert_eq!(show.loader.unread(), 0);
+    }
+}
+
+#[test]
+fn records_that_were_damaged_are_tried_again_when_the_disk_is_said_to_be_back() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = views();
+    let scene = scene(&views, &appearance);
+    let whole = shown(&converge(&mut Show::new(Watched::new(volume()), options()), &scene).0);
+    let root = volume().store.geometry().root();
+    for broken in [root, root.children()[2], root.children()[5].children()[1]] {
+        let source = Watched::new(volume());
+        source.unreadable.lock().unwrap().insert(broken);
+        let mut show = Show::new(source.clone(), options());
+        assert_eq!(converge(&mut show, &scene).1, [broken]);
+        // Still broken: it is reported again, and nothing else changes.
+        show.loader.retry_damaged();
+        assert_eq!(converge(&mut show, &scene).1, [broken]);
+        source.unreadable.lock().unwrap().clear();
+        show.loader.retry_damaged();
+        let (frame, damaged) = converge(&mut show, &scene);
+        assert_eq!((shown(&frame), damaged.len()), (whole.clone(), 0), "{broken}");
+    }
 }
 
 #[test]

@@ -6,8 +6,8 @@ use octree_store::loader::{
     LoaderOptions, NodeData, Projection, Quality, Ray, Scene, SpatialIndex, TransferFunction, View,
 };
 use octree_store::{
-    BrickScratch, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, Store, StoreError,
-    StoreWriter, encode_samples,
+    BrickScratch, BrickState, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, Store,
+    StoreError, StoreWriter, encode_samples,
 };
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::{Arc, Mutex};
@@ -132,9 +132,11 @@ pub(crate) struct Watched {
     pub(crate) delay: Duration,
     /// Nodes whose bricks cannot be read, and nodes whose records cannot.
     pub(crate) broken: Arc<Mutex<HashSet<NodeKey>>>,
-    pub(crate) unreadable: HashSet<NodeKey>,
+    pub(crate) unreadable: Arc<Mutex<HashSet<NodeKey>>>,
     /// A node whose brick makes the reading thread panic.
     pub(crate) bug: Option<NodeKey>,
+    /// Bricks of nothing but 0 are said to have been dropped.
+    pub(crate) dropped: bool,
 }
 
 impl Watched {
@@ -144,8 +146,9 @@ impl Watched {
             log: Arc::default(),
             delay: Duration::ZERO,
             broken: Arc::default(),
-            unreadable: HashSet::new(),
+            unreadable: Arc::default(),
             bug: None,
+            dropped: false,
         }
     }
 
@@ -172,8 +175,15 @@ impl BrickSource for Watched {
         std::thread::sleep(self.delay);
         let mut records = BrickSource::records(&*self.store, parent);
         for record in records.iter_mut().flatten() {
+            if let Ok(record) = record
+                && self.dropped
+                && record.state == BrickState::Uniform
+                && record.brick_max == 0.0
+            {
+                record.state = BrickState::Empty;
+            }
             if let Ok(NodeRecord { key, .. }) = record
-                && self.unreadable.contains(key)
+                && self.unreadable.lock().unwrap().contains(key)
             {
                 *record = Err(self.damage(*key));
             }
@@ -284,13 +294,14 @@ pub(crate) struct Show {
     pub(crate) renderer: Renderer,
     pub(crate) geometry: Geometry,
     pub(crate) octants: bool,
+    options: LoaderOptions,
 }
 
 impl Show {
     pub(crate) fn new(source: impl BrickSource, options: LoaderOptions) -> Self {
         let geometry = *source.geometry();
         let loader = Loader::new(source, options).unwrap();
-        Self { loader, renderer: Renderer::default(), geometry, octants: true }
+        Self { loader, renderer: Renderer::default(), geometry, octants: true, options }
     }
 
     /// One frame, drawn and seen; each law that holds for every frame is checked.
@@ -298,14 +309,22 @@ impl Show {
         let frame = self.loader.frame(scene);
         self.renderer.take(&frame);
         covers_once(&self.geometry, frame.index.leaves().map(|leaf| leaf.0), frame.index.nodes());
-        for (key, node) in frame.index.leaves() {
+        let mut used = HashSet::new();
+        for (key, node) in frame.index.keys().iter().zip(frame.index.nodes()) {
             if let NodeData::Slot(slot) = node.data {
                 // The brick of the node itself, or of one above it, is in the slot that the index says.
                 let (found, _) = &self.renderer.pool[&slot];
                 let up = node.data_level - key.level();
                 assert_eq!(*found, NodeKey::new(node.data_level, key.brick_xyz().map(|b| b >> up)));
+                used.insert(slot);
             }
         }
+        assert!(frame.freed.iter().all(|slot| !used.contains(slot)), "freed and drawn");
+        let (statistics, limits) = (self.loader.statistics(), &self.options);
+        assert!(frame.uploads.len() <= limits.uploads_per_frame);
+        assert!(used.iter().all(|slot| (*slot as usize) < limits.slots));
+        assert!(used.len() <= statistics.slots_in_use && statistics.slots_in_use <= limits.slots);
+        assert!(statistics.memory.bytes <= limits.memory_bytes);
         let seen = self.renderer.see(&self.geometry, &frame.index, scene);
         let feedback = if self.octants { Feedback::Octants(&seen) } else { Feedback::Nodes(&seen) };
         self.loader.feedback(frame.index.serial(), feedback);
@@ -314,7 +333,7 @@ impl Show {
 
     /// Frames until nothing is left to do; how many it took.
     pub(crate) fn converge(&mut self, scene: &Scene) -> (Frame, usize) {
-        let until = Instant::now() + Duration::from_mins(1);
+        let until = Instant::now() + Duration::from_secs(20);
         for count in 1.. {
             let frame = self.frame(scene);
             if frame.converged {
