@@ -426,6 +426,15 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_beyond_any_side_of_the_image_is_not_seen() {
+        let views = set(perspective([128.0, 128.0, -20.0], [128.0, 128.0, 200.0], 30.0), [1.0; 3]);
+        assert!(views.voxel_size(0, [4, 4, 0]).is_some());
+        for beyond in [[0, 4, 0], [7, 4, 0], [4, 0, 0], [4, 7, 0]] {
+            assert_eq!(views.voxel_size(0, beyond), None, "{beyond:?}");
+        }
+    }
+
+    #[test]
     fn several_views_take_the_finest() {
         let geometry = Geometry::new([256; 3], 32, 2).unwrap();
         let near = View::new(perspective([16.0, 16.0, -20.0], [16.0, 16.0, 0.0], 40.0), [100; 2]);

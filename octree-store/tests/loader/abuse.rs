@@ -3,7 +3,7 @@
 use crate::support::{Made, Show, Watched, foam, make, opaque_above, perspective, scene};
 use octree_store::loader::{
     Appearance, Camera, CameraJson, ClipBox, ControlPoint, Criterion, Deviation, Feedback,
-    LoaderOptions, NodeData, Quality, Scene, TransferFunction, View, off_axis,
+    LoaderOptions, NodeData, Quality, Scene, TransferFunction, View, ViewSet, off_axis,
 };
 use proptest::prelude::*;
 use std::collections::HashSet;
@@ -183,6 +183,57 @@ fn a_memory_of_seventeen_bricks_reads_nothing_twice() {
         let once: HashSet<_> = read.iter().collect();
         assert_eq!(read.len(), once.len(), "{slots} slots, {requests} requests, {threads} threads");
     }
+}
+
+/// Seen as a whole, every group but the root's has eight bricks: as many as may be asked for.
+#[test]
+fn no_more_is_asked_for_or_read_at_once_than_requests_allow() {
+    let made = make([64; 3], |[x, y, z]| 100 + ((x * 7919 + y * 104_729 + z * 31) % 97) as u8);
+    let mut source = Watched::new(&made);
+    source.delay = Duration::from_millis(1);
+    let options =
+        LoaderOptions { requests: 8, threads: 4, visibility: false, ..LoaderOptions::default() };
+    let mut show = Show::new(source, options);
+    let views = [perspective([32.0, 32.0, -90.0], [32.0, 32.0, 32.0], 60.0, [90, 90])];
+    let appearance = opaque_above(50.0, 1.0);
+    for _ in 0..60 {
+        show.frame(&scene(&views, &appearance));
+        let statistics = show.loader.statistics();
+        assert!(statistics.queued + statistics.active <= 1, "{statistics:?}");
+        show.loader.wait(Duration::from_millis(1));
+    }
+    assert!(show.loader.statistics().bricks_read > 20);
+}
+
+#[test]
+fn what_is_asked_for_in_one_frame_is_read_the_largest_voxels_first() {
+    let appearance = opaque_above(100.0, 1.0);
+    let views = [near()];
+    let scene = scene(&views, &appearance);
+    let mut source = Watched::new(volume());
+    source.delay = Duration::from_millis(1);
+    let options = LoaderOptions {
+        threads: 1,
+        prefetch_frames: 0,
+        visibility: false,
+        ..LoaderOptions::default()
+    };
+    let mut show = Show::new(source.clone(), options);
+    while show.loader.statistics().queued < 4 {
+        show.loader.wait(Duration::from_millis(50));
+        show.frame(&scene);
+    }
+    let before = source.read().len();
+    while show.loader.unread() > 0 {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let metadata = volume().store.metadata();
+    let views = ViewSet::new(&views, None, volume().store.geometry(), metadata.spacing_xyz);
+    let read = source.read()[before..].iter().map(|key| key.parent()).collect::<Vec<_>>();
+    let sizes =
+        read.iter().map(|key| views.voxel_size(key.level(), key.brick_xyz().map(|c| c as u32)));
+    assert!(sizes.is_sorted_by(|a, b| a >= b), "{read:?}");
+    assert!(read.first() != read.last());
 }
 
 #[test]

@@ -325,6 +325,7 @@ impl Show {
         assert!(used.iter().all(|slot| (*slot as usize) < limits.slots));
         assert!(used.len() <= statistics.slots_in_use && statistics.slots_in_use <= limits.slots);
         assert!(statistics.memory.bytes <= limits.memory_bytes);
+        assert_eq!(statistics.memory.misses, statistics.bricks_read);
         let seen = self.renderer.see(&self.geometry, &frame.index, scene);
         let feedback = if self.octants { Feedback::Octants(&seen) } else { Feedback::Nodes(&seen) };
         self.loader.feedback(frame.index.serial(), feedback);
