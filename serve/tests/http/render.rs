@@ -3,7 +3,7 @@
 use crate::support::{Running, Volume, noise, options};
 use octree_store::{Encoding, Store};
 use serve::{Picture, RenderError, RenderRequest, Renderer};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ const CAMERA: &str = r#"{"projection":"orthographic","position":[1,1,-9],"target
 
 /// Notes what it is asked, and draws when it is told to.
 struct Told {
-    asked: Mutex<Sender<RenderRequest>>,
+    asked: Mutex<SyncSender<RenderRequest>>,
     go: Mutex<Receiver<Result<Picture, RenderError>>>,
 }
 
@@ -32,21 +32,21 @@ struct Bench {
     _folder: tempfile::TempDir,
     server: Running,
     asked: Receiver<RenderRequest>,
-    go: Sender<Result<Picture, RenderError>>,
+    go: SyncSender<Result<Picture, RenderError>>,
 }
 
 fn bench() -> Bench {
     let folder = tempfile::tempdir().unwrap();
     Volume::<u16>::new([20, 9, 9], 8, noise)
         .write(&folder.path().join("v.octavo"), Encoding::Lossless);
-    let ((tell, asked), (go, told)) = (channel(), channel());
+    let ((tell, asked), (go, told)) = (sync_channel(4), sync_channel(4));
     let renderer = Told { asked: Mutex::new(tell), go: Mutex::new(told) };
     let server = Running::drawing(options(folder.path()), Some(Arc::new(renderer)));
     Bench { _folder: folder, server, asked, go }
 }
 
-fn picture(text: &str, converged: bool) -> Result<Picture, RenderError> {
-    Ok(Picture { bytes: text.as_bytes().to_vec(), content_type: "image/png", converged })
+fn picture(text: &str, converged: bool) -> Picture {
+    Picture { bytes: text.as_bytes().to_vec(), content_type: "image/png", converged }
 }
 
 fn body(more: &str) -> String {
@@ -56,7 +56,7 @@ fn body(more: &str) -> String {
 #[test]
 fn what_is_asked_reaches_the_renderer_and_its_picture_the_client() {
     let Bench { server, asked, go, .. } = &bench();
-    go.send(picture("one", false)).unwrap();
+    go.send(Ok(picture("one", false))).unwrap();
     let reply = server.post("/v1/v/render", &body(""));
     assert_eq!((reply.status, &*reply.body), (200, &b"one"[..]));
     assert_eq!(reply.header("content-type"), "image/png");
@@ -66,7 +66,7 @@ fn what_is_asked_reaches_the_renderer_and_its_picture_the_client() {
     assert_eq!((request.view.size, request.accuracy, request.step_voxels), ([7, 5], 1.0, 1.0));
     assert_eq!((request.transfer, request.at_most), (None, Duration::from_secs(10)));
 
-    go.send(picture("two", true)).unwrap();
+    go.send(Ok(picture("two", true))).unwrap();
     let transfer = r#"{"points":[{"value":0,"color":[0,0,0],"extinction":1}]}"#;
     let more = format!(r#","accuracy":2,"step":0.5,"seconds":0,"transfer":{transfer}"#);
     let reply = server.post("/v1/v/render", &body(&more));
@@ -89,10 +89,10 @@ fn one_picture_is_drawn_at_a_time_and_bricks_are_served_meanwhile() {
         second.assert_problem(503);
         assert_eq!(second.header("retry-after"), "1");
         assert_eq!(server.get("/v1/v/bricks/0/1/0/0").status, 200);
-        go.send(picture("late", true)).unwrap();
+        go.send(Ok(picture("late", true))).unwrap();
         assert_eq!(first.join().unwrap().status, 200);
     });
-    go.send(picture("next", true)).unwrap();
+    go.send(Ok(picture("next", true))).unwrap();
     assert_eq!(server.post("/v1/v/render", &body("")).status, 200);
 }
 
@@ -103,7 +103,7 @@ fn a_renderer_that_fails_or_panics_harms_one_request() {
     let reply = server.post("/v1/v/render", &body(""));
     reply.assert_problem(500);
     assert!(reply.json()["detail"].as_str().unwrap().contains("device is lost"));
-    go.send(picture("", true)).unwrap();
+    go.send(Ok(picture("", true))).unwrap();
     server.post("/v1/v/render", &body("")).assert_problem(500);
 }
 
