@@ -191,9 +191,14 @@ impl Renderer {
             if rendered.converged || late() {
                 return Ok(Rendered { problems, ..rendered });
             }
-            if self.loader.unread() > 0 {
-                self.loader.wait(PATIENCE);
-            }
+            self.wait(PATIENCE);
+        }
+    }
+
+    /// Waits until something that was asked for has come, at most so long; not at all where nothing is awaited.
+    pub fn wait(&self, at_most: Duration) {
+        if self.loader.unread() > 0 {
+            self.loader.wait(at_most);
         }
     }
 

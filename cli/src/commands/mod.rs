@@ -17,6 +17,7 @@ mod slice;
 mod tradeoff;
 mod upscale;
 mod verify;
+mod view;
 
 use crate::exit::Answer;
 use crate::parse;
@@ -50,6 +51,7 @@ enum Command {
     Compare(compare::Compare),
     Render(render::Render),
     RenderCheck(render_check::RenderCheck),
+    View(view::View),
     Tradeoff(tradeoff::Tradeoff),
     Upscale(upscale::Upscale),
     Serve(serve::Serve),
@@ -72,6 +74,7 @@ impl Octavo {
             Command::Compare(command) => command.run(),
             Command::Render(command) => command.run(),
             Command::RenderCheck(command) => command.run(),
+            Command::View(command) => command.run(),
             Command::Tradeoff(command) => command.run(),
             Command::Upscale(command) => command.run(),
             Command::Serve(command) => command.run(),

@@ -50,6 +50,16 @@ const MAPS: [ColorMap; 6] = [
 ];
 
 impl ColorMap {
+    /// All there are.
+    pub fn all() -> impl Iterator<Item = Self> {
+        MAPS.into_iter()
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        self.name
+    }
+
     /// The map of a name.
     ///
     /// # Errors

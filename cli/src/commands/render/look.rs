@@ -2,7 +2,7 @@
 
 use super::read_json;
 use clap::{Args, ValueEnum};
-use octree_store::loader::TransferFunction;
+use octree_store::loader::{ClipBox, TransferFunction};
 use octree_store::{BrickScratch, BrickState, Store};
 use render_check::transfer::{TransferFile, guess};
 use render_check::view::{Filter, Look, Mode, Shading};
@@ -33,6 +33,20 @@ pub(in crate::commands) struct LookArgs {
     /// Between levels: quadrilinear blends them, trilinear does not
     #[arg(long, value_enum, default_value_t = FilterArg::Quadrilinear)]
     filter: FilterArg,
+    /// Only what lies in this box, in world units from the volume's corner
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = clip_box, allow_hyphen_values = true)]
+    clip: Option<ClipBox>,
+}
+
+/// `X0,Y0,Z0,X1,Y1,Z1`: the lower corner, then the upper one.
+fn clip_box(text: &str) -> Result<ClipBox, String> {
+    let ends: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
+    match ends[..] {
+        [x0, y0, z0, x1, y1, z1] if text.split(',').count() == 6 => {
+            ClipBox::new([x0, y0, z0], [x1, y1, z1]).map_err(|error| error.to_string())
+        }
+        _ => Err(format!("expected six numbers X0,Y0,Z0,X1,Y1,Z1 and found '{text}'")),
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -82,6 +96,7 @@ impl LookArgs {
             step_voxels: self.step,
             accuracy: self.accuracy,
             filter,
+            clip: self.clip,
             ..look
         })
     }

@@ -16,7 +16,7 @@ use render_check::picture::{
     Bits, Comparison, Shown, compare, difference, write_depth_png, write_depth_raw, write_png,
 };
 use render_check::reference::{self, Interpolation, SourceVolume};
-use render_check::view::{Look, NamedView, orbit};
+use render_check::view::{Filter, Look, Mode, NamedView, Shading, orbit};
 use render_check::{Backend, CpuBackend, Effort, Rendered, Renderer, RendererOptions};
 use serde::Serialize;
 pub(super) use source::read_source;
@@ -143,11 +143,36 @@ struct ViewText<'a> {
     camera: &'a Camera,
     size: [u32; 2],
     transfer: &'a octree_store::loader::TransferFunction,
-    mode: render_check::view::Mode,
-    shading: Option<render_check::view::Shading>,
+    mode: Mode,
+    shading: Option<Shading>,
     step_voxels: f64,
     accuracy: f64,
+    filter: Filter,
+    clip: Option<ClipBox>,
     background: [f64; 3],
+}
+
+/// What a picture shows, as JSON: enough to draw it again.
+pub(super) fn view_text(
+    store: (&Path, &str),
+    view: &View,
+    look: &Look,
+    background: [f64; 3],
+) -> serde_json::Result<String> {
+    serde_json::to_string(&ViewText {
+        store: store.0.display().to_string(),
+        digest: store.1,
+        camera: &view.camera,
+        size: view.size,
+        transfer: &look.transfer,
+        mode: look.mode,
+        shading: look.shading,
+        step_voxels: look.step_voxels,
+        accuracy: look.accuracy,
+        filter: look.filter,
+        clip: look.clip,
+        background,
+    })
 }
 
 #[derive(Serialize)]
@@ -210,18 +235,8 @@ impl Render {
         for (number, camera) in cameras.iter().enumerate() {
             let view = View::new(camera.clone(), self.size)?;
             let rendered = renderer.converge(&view, &look, None, at_most, |_| {})?;
-            let text = serde_json::to_string(&ViewText {
-                store: self.store.display().to_string(),
-                digest: &metadata.digest,
-                camera,
-                size: self.size,
-                transfer: &look.transfer,
-                mode: look.mode,
-                shading: look.shading,
-                step_voxels: look.step_voxels,
-                accuracy: look.accuracy,
-                background: self.background,
-            })?;
+            let store = (self.store.as_path(), metadata.digest.as_str());
+            let text = view_text(store, &view, &look, self.background)?;
             let shown = rendered.picture.over(self.background);
             let path = match self.orbit {
                 Some(count) => numbered(&self.output, number, count),
@@ -319,7 +334,7 @@ impl Render {
 }
 
 /// Reads a JSON file; errors name it.
-fn read_json<T>(path: &Path, parse: impl FnOnce(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {
+pub(super) fn read_json<T>(path: &Path, parse: impl FnOnce(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     // One message with its causes: a RenderError beneath a context would be told without.
     parse(&text).map_err(|error| anyhow::anyhow!("{}: {error:#}", path.display()))
@@ -334,7 +349,7 @@ fn numbered(path: &Path, number: usize, count: u32) -> PathBuf {
 }
 
 /// `WxH`: two whole numbers.
-fn size(text: &str) -> Result<[u32; 2], String> {
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text
         .split_once('x')
         .and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
@@ -344,7 +359,7 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// `R,G,B`: three numbers from 0 to 1.
-fn color(text: &str) -> Result<[f64; 3], String> {
+pub(super) fn color(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<f64> = text.split(',').filter_map(|part| part.trim().parse().ok()).collect();
     match parts[..] {
         [r, g, b] if parts.iter().all(|c| (0.0..=1.0).contains(c)) => Ok([r, g, b]),
