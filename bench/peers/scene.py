@@ -1,6 +1,7 @@
-"""A scene for Octavo and VTK both: scene.py SIDE opaque|transparent FOLDER; writes scene.json, camera.json, transfer.json.
+"""A scene for Octavo and VTK both: scene.py SIDE opaque|transparent FOLDER [PIXELS]; writes scene.json, camera.json, transfer.json.
 
-A cube of SIDE voxels of 1 from a corner of a sphere around it, so near that it fills the picture's height.
+A cube of SIDE voxels of 1, from a corner of a sphere around it. Its side covers PIXELS pixels where the camera aims [521: it fills
+the picture's height].
 """
 
 import json
@@ -8,6 +9,7 @@ import math
 import sys
 
 side, kind, folder = float(sys.argv[1]), sys.argv[2], sys.argv[3]
+pixels = float(sys.argv[4]) if len(sys.argv) > 4 else 521
 turn, raise_ = math.radians(30), math.radians(20)
 away = side * math.sqrt(3) / 2 / math.sin(math.radians(15))
 direction = [math.cos(raise_) * math.sin(turn), math.sin(raise_), math.cos(raise_) * math.cos(turn)]
@@ -16,7 +18,7 @@ camera = {
     "position": [side / 2 + away * d for d in direction],
     "target": [side / 2] * 3,
     "up": [0, 1, 0],
-    "fov_y_deg": 30 / 1.6,
+    "fov_y_deg": math.degrees(2 * math.atan(side * 576 / pixels / 2 / away)),
 }
 # The opacity that one voxel of a volume of 512^3 has, as an extinction: the same picture whatever the side.
 opacities = {

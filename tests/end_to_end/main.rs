@@ -25,3 +25,4 @@ mod support;
 mod tiff;
 mod tradeoff;
 mod upscale;
+mod view;

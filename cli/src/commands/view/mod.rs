@@ -9,7 +9,6 @@ mod window;
 
 use super::render::{DeviceArgs, LookArgs, color, data_range, read_json, size};
 use crate::exit::Answer;
-use anyhow::Context;
 use clap::Args;
 use octree_store::Store;
 use render_check::view::NamedView;
@@ -79,7 +78,7 @@ impl View {
             background: self.background,
         };
         let renderer = self.device.renderer(store, true)?;
-        Viewer::show(renderer, scene, metadata, shot, self.size).context("the window")?;
+        Viewer::show(renderer, scene, metadata, shot, self.size)?;
         Ok(Answer::Done)
     }
 }

@@ -410,8 +410,11 @@ fn stretched(shown: &Shown, size: [u32; 2]) -> Canvas {
     Canvas { size, bytes }
 }
 
-fn no_display(error: impl std::fmt::Display) -> anyhow::Error {
-    anyhow!("there is no display to open a window on ({error}): octavo render writes pictures, octavo serve shows them in a browser")
+/// No display is the environment's fault, as a disk that cannot be read is.
+fn no_display(error: impl std::fmt::Display) -> std::io::Error {
+    std::io::Error::other(format!(
+        "there is no display to open a window on ({error}): octavo render writes pictures, octavo serve shows them in a browser"
+    ))
 }
 
 fn failed_to_show(error: softbuffer::SoftBufferError) -> anyhow::Error {
