@@ -32,6 +32,60 @@ fn a_picture_is_drawn_without_vulkan_and_agrees_with_the_source() {
 }
 
 #[test]
+fn rays_end_at_the_depths_that_are_given() {
+    let bench = bench();
+    let draw = "--size 40x30 --backend cpu --view z- --depth";
+    bench.ok(&format!("render a.octavo -o whole.png {draw} whole.raw"));
+    let floats = |name: &str| -> Vec<f32> {
+        let bytes = std::fs::read(bench.path(name)).unwrap();
+        bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
+    };
+    let depths = floats("whole.raw");
+    let seen = depths.iter().filter(|d| d.is_finite()).count();
+    assert!(seen > 100, "{seen}");
+    // Half of the picture ends before anything is seen; the other half is as it was. What is no number ends nothing.
+    let nearest = depths.iter().copied().fold(f32::INFINITY, f32::min);
+    let ends = (0..40 * 30).map(|i| match i % 40 {
+        x if x < 20 => nearest * 0.5,
+        x if x < 30 => f32::INFINITY,
+        _ => f32::NAN,
+    });
+    bench.write("ends.raw", &ends.flat_map(f32::to_le_bytes).collect::<Vec<_>>());
+    bench.ok(&format!("render a.octavo -o half.png {draw} half.raw --depth-in ends.raw"));
+    for (i, (half, whole)) in floats("half.raw").iter().zip(&depths).enumerate() {
+        let expected = if i % 40 < 20 { f32::INFINITY } else { *whole };
+        assert_eq!(*half, expected, "{i}");
+    }
+    bench.write("short.raw", &[0; 40 * 30 * 4 - 1]);
+    let said = bench.run(&format!("render a.octavo -o x.png {draw} x.raw --depth-in short.raw"));
+    assert_eq!(said.code, 2, "{}", said.err);
+    assert!(said.err.contains("4800 bytes") && said.err.contains("4799"), "{}", said.err);
+}
+
+#[test]
+fn a_clip_box_shows_only_what_lies_in_it() {
+    let bench = bench();
+    let draw = |name: &str, clip: &str| {
+        bench.ok(&format!(
+            "render a.octavo -o {name} --size 60x45 --backend cpu --depth {name}.raw{clip}"
+        ));
+        let bytes = std::fs::read(bench.path(&format!("{name}.raw"))).unwrap();
+        bytes.as_chunks().0.iter().filter(|b| f32::from_le_bytes(**b).is_finite()).count()
+    };
+    let (whole, half) = (draw("w.png", ""), draw("h.png", " --clip -5,0,0,20,33,20"));
+    assert!(0 < half && half < whole, "{half} {whole}");
+    for (wrong, reason) in [
+        ("--clip 1,2,3", "X0,Y0,Z0,X1,Y1,Z1"),
+        ("--clip 0,0,0,5,0,5", "empty along y"),
+        ("--mode mip --window 5,5", "LOW,HIGH"),
+    ] {
+        let said = bench.run(&format!("render a.octavo -o x.png --backend cpu {wrong}"));
+        assert_eq!(said.code, 2, "{}", said.err);
+        assert!(said.err.contains(reason), "{}", said.err);
+    }
+}
+
+#[test]
 fn every_mode_draws_and_orbits_are_numbered() {
     let bench = bench();
     for mode in ["dvr", "iso", "mip"] {

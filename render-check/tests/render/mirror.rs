@@ -3,7 +3,7 @@
 use crate::support::*;
 use octree_store::Encoding;
 use render_check::RendererOptions;
-use render_check::view::{Look, Mode, Shading};
+use render_check::view::{Filter, Look, Mode, Shading};
 
 const DIMS: [u64; 3] = [70, 61, 55];
 
@@ -59,5 +59,46 @@ fn visibility_changes_what_is_loaded_and_not_the_picture() {
         println!("{name}: {loaded:?} {found:?}");
         assert!(found.max_abs_diff < 1.0 / 255.0, "{name}: {found:?}");
         assert!(loaded[0] <= loaded[1]);
+    }
+}
+
+#[test]
+fn halving_the_step_divides_the_error_of_the_mirror_by_four() {
+    // A long wave in one brick, sampled at whole fractions of a voxel from a voxel's middle on: what is left is the
+    // trapezoid's error of the second order, until f32 is in sight.
+    let folding = Folding { core: 64, ..Folding::default() };
+    let made = make_f32([64, 8, 8], folding, |[x, _, _]| 0.5 + 0.5 * (x as f32 * 0.2).sin());
+    let smooth = transfer(&[
+        (0.0, [0.9, 0.1, 0.1], 0.02),
+        (0.5, [0.1, 0.8, 0.2], 0.3),
+        (1.0, [0.2, 0.3, 1.0], 0.05),
+    ]);
+    let errors = convergence(|step_voxels| {
+        let look = Look {
+            step_voxels,
+            table_entries: Look::TABLE_LIMIT,
+            filter: Filter::Trilinear,
+            ..Look::new(smooth.clone(), [0.0, 1.0])
+        };
+        let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [4, 4]);
+        made.mirrored(&view, &look).picture
+    });
+    println!("{errors:?}");
+    assert_second_order(&errors);
+}
+
+#[test]
+fn a_homogeneous_cube_looks_the_same_from_six_sides() {
+    // Not uniform in its bricks, and of one colour and extinction all the same.
+    let made = make_u16([32; 3], Folding::default(), |[x, y, z]| ((x * 7 + y * 3 + z) % 90) as u16);
+    let constant = transfer(&[(0.0, [0.5, 1.0, 0.25], 0.05)]);
+    let look = Look { step_voxels: 0.3, ..Look::new(constant, [0.0, 90.0]) };
+    let pictures = SIX_SIDES.map(|direction| {
+        let view = orthographic(&made, direction, 30.0, [31, 31]);
+        made.mirrored(&view, &look).picture
+    });
+    for (picture, direction) in pictures.iter().zip(SIX_SIDES).skip(1) {
+        let found = compared(&pictures[0], picture);
+        assert!(found.max_abs_diff < 2e-6, "{direction:?}: {found:?}");
     }
 }

@@ -225,3 +225,32 @@ pub(crate) fn looks() -> [(&'static str, Look); 2] {
         ("transparent", Look::new(transparent, [0.0, 1000.0])),
     ]
 }
+
+/// Along every axis, both ways.
+pub(crate) const SIX_SIDES: [[f64; 3]; 6] = [
+    [-1.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [0.0, -1.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, -1.0],
+    [0.0, 0.0, 1.0],
+];
+
+/// Largest differences of pictures with steps of 2, 1 and 1/2 voxels to one of 1/16.
+pub(crate) fn convergence(picture: impl Fn(f64) -> Picture) -> [f32; 3] {
+    let truth = picture(1.0 / 16.0);
+    [2.0, 1.0, 0.5].map(|step| {
+        let parts = |picture: &Picture| picture.colors.clone().into_flattened();
+        let found = parts(&picture(step));
+        found.iter().zip(parts(&truth)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    })
+}
+
+/// Whether halving the step divides the error by about four, and the error is more than rounding.
+pub(crate) fn assert_second_order(errors: &[f32; 3]) {
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!((1.6..2.6).contains(&order), "{errors:?}");
+    }
+    assert!(errors[2] > 1e-6, "{errors:?}");
+}

@@ -21,6 +21,9 @@ pub(in crate::commands) struct LookArgs {
     /// Value of the surface, in source units [default: the middle of the values]
     #[arg(long, value_name = "V", allow_hyphen_values = true)]
     iso: Option<f64>,
+    /// Values that are black and white where the greatest is shown [default: the ends of the transfer function if one is given, else of the data]
+    #[arg(long, value_name = "LOW,HIGH", value_parser = window, allow_hyphen_values = true)]
+    window: Option<[f64; 2]>,
     /// phong, or off [default: phong for surfaces, off else]
     #[arg(long, value_enum)]
     shading: Option<ShadingArg>,
@@ -36,6 +39,15 @@ pub(in crate::commands) struct LookArgs {
     /// Only what lies in this box, in world units from the volume's corner
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = clip_box, allow_hyphen_values = true)]
     clip: Option<ClipBox>,
+}
+
+/// `LOW,HIGH`: two numbers, the first below the second.
+fn window(text: &str) -> Result<[f64; 2], String> {
+    let ends = text.split_once(',').map(|(low, high)| (low.trim().parse(), high.trim().parse()));
+    match ends {
+        Some((Ok(low), Ok(high))) if low < high && f64::is_finite(high - low) => Ok([low, high]),
+        _ => Err(format!("expected LOW,HIGH, the first below the second, and found '{text}'")),
+    }
 }
 
 /// `X0,Y0,Z0,X1,Y1,Z1`: the lower corner, then the upper one.
@@ -87,8 +99,9 @@ impl LookArgs {
             FilterArg::Quadrilinear => Filter::Quadrilinear,
         };
         let mut look = Look::new(transfer, range);
-        if mode == Mode::Mip && self.transfer.is_none() {
-            look.window = if range[0] < range[1] { range } else { look.window };
+        if mode == Mode::Mip {
+            let whole = (self.transfer.is_none() && range[0] < range[1]).then_some(range);
+            look.window = self.window.or(whole).unwrap_or(look.window);
         }
         Ok(Look {
             mode,

@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 pub(super) use look::{LookArgs, data_range, default_transfer};
 use octree_store::Store;
-use octree_store::loader::{Camera, View};
+use octree_store::loader::{Camera, ClipBox, View};
 use render_check::gpu::{AdapterChoice, GpuBackend, Sampling};
 use render_check::picture::{
     Bits, Comparison, Shown, compare, difference, write_depth_png, write_depth_raw, write_png,
@@ -71,6 +71,9 @@ pub(super) struct Render {
     /// Write distances from the eye: as 16-bit PNG, or as raw f32
     #[arg(long, value_name = "OUT.png|.raw")]
     depth: Option<PathBuf>,
+    /// End rays at these distances from the eye: little-endian f32 for every pixel, as --depth OUT.raw writes them
+    #[arg(long, value_name = "FILE.raw", conflicts_with_all = ["orbit", "against"])]
+    depth_in: Option<PathBuf>,
     /// The volume that the store was made of
     #[arg(long, value_name = "SOURCE")]
     against: Option<PathBuf>,
@@ -144,6 +147,7 @@ struct ViewText<'a> {
     size: [u32; 2],
     transfer: &'a octree_store::loader::TransferFunction,
     mode: Mode,
+    window: [f64; 2],
     shading: Option<Shading>,
     step_voxels: f64,
     accuracy: f64,
@@ -166,6 +170,7 @@ pub(super) fn view_text(
         size: view.size,
         transfer: &look.transfer,
         mode: look.mode,
+        window: look.window,
         shading: look.shading,
         step_voxels: look.step_voxels,
         accuracy: look.accuracy,
@@ -232,9 +237,10 @@ impl Render {
         };
         let mut renderer = self.device.renderer(store, !self.no_visibility_feedback)?;
         let at_most = self.budget.map(Duration::try_from_secs_f64).transpose()?;
+        let ends = self.depth_in.as_ref().map(|path| read_depths(path, self.size)).transpose()?;
         for (number, camera) in cameras.iter().enumerate() {
             let view = View::new(camera.clone(), self.size)?;
-            let rendered = renderer.converge(&view, &look, None, at_most, |_| {})?;
+            let rendered = renderer.converge(&view, &look, ends.as_deref(), at_most, |_| {})?;
             let store = (self.store.as_path(), metadata.digest.as_str());
             let text = view_text(store, &view, &look, self.background)?;
             let shown = rendered.picture.over(self.background);
@@ -334,10 +340,31 @@ impl Render {
 }
 
 /// Reads a JSON file; errors name it.
-pub(super) fn read_json<T>(path: &Path, parse: impl FnOnce(&str) -> anyhow::Result<T>) -> anyhow::Result<T> {
+pub(super) fn read_json<T>(
+    path: &Path,
+    parse: impl FnOnce(&str) -> anyhow::Result<T>,
+) -> anyhow::Result<T> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     // One message with its causes: a RenderError beneath a context would be told without.
     parse(&text).map_err(|error| anyhow::anyhow!("{}: {error:#}", path.display()))
+}
+
+/// Distances from the eye, rows from the top; what is no number ends no ray.
+fn read_depths(path: &Path, [width, height]: [u32; 2]) -> anyhow::Result<Vec<f32>> {
+    let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+    let wanted = 4 * u64::from(width) * u64::from(height);
+    if bytes.len() as u64 != wanted {
+        bail!(
+            "{}: {width} x {height} distances of 4 bytes are {wanted} bytes, and it has {}",
+            path.display(),
+            bytes.len()
+        );
+    }
+    let distance = |&bytes: &[u8; 4]| match f32::from_le_bytes(bytes) {
+        end if end.is_nan() => f32::INFINITY,
+        end => end,
+    };
+    Ok(bytes.as_chunks().0.iter().map(distance).collect())
 }
 
 /// `turn.png` as `turn007.png`.

@@ -166,8 +166,7 @@ mod tests {
                 [0, 1, 2].map(|i| base[i] + pixel[0] * across[i] + pixel[1] * down[i])
             };
             let origin = along(fan.origin, fan.origin_across, fan.origin_down);
-            let direction =
-                unit(along(fan.direction, fan.direction_across, fan.direction_down));
+            let direction = unit(along(fan.direction, fan.direction_across, fan.direction_down));
             let to = difference(point, origin);
             let off = length(cross(to, direction));
             if off < best.0 {
@@ -223,7 +222,8 @@ mod tests {
     fn a_matrix_stays_where_it_is() {
         let clip_from_world =
             [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
-        let mut hand = HandCamera::new(&Camera::new(CameraJson::Matrix { clip_from_world }).unwrap());
+        let mut hand =
+            HandCamera::new(&Camera::new(CameraJson::Matrix { clip_from_world }).unwrap());
         let before = hand.clone();
         hand.turn(1.0, 1.0);
         hand.pan(1.0, 1.0);

@@ -49,7 +49,8 @@ pub(super) fn write(canvas: &mut Canvas, lines: &[String]) -> anyhow::Result<()>
         if at.1 + LINE > height as i32 {
             break;
         }
-        area.draw_text(line, &style, at).map_err(|error| anyhow!("drawing text failed: {error}"))?;
+        area.draw_text(line, &style, at)
+            .map_err(|error| anyhow!("drawing text failed: {error}"))?;
     }
     area.present().map_err(|error| anyhow!("drawing text failed: {error}"))
 }
@@ -61,7 +62,8 @@ mod tests {
     #[test]
     fn text_is_light_upon_a_darkened_ground_and_stays_within_the_picture() {
         prepare().unwrap();
-        let grey = |size: [u32; 2]| Canvas { size, bytes: vec![120; (size[0] * size[1] * 3) as usize] };
+        let grey =
+            |size: [u32; 2]| Canvas { size, bytes: vec![120; (size[0] * size[1] * 3) as usize] };
         let mut canvas = grey([200, 100]);
         write(&mut canvas, &["Hello".to_owned()]).unwrap();
         let bright = canvas.bytes.iter().filter(|part| **part > 200).count();

@@ -67,11 +67,11 @@ pub(super) const KEYS: [(&[(&str, Act)], &str); 19] = [
             ("ArrowUp", Act::Turn(0.0, 0.1)),
             ("ArrowDown", Act::Turn(0.0, -0.1)),
         ],
-        "arrows, left drag     turn",
+        "arrows, drag      turn; the right button shifts",
     ),
     (
         &[("+", Act::Zoom(1.2)), ("=", Act::Zoom(1.2)), ("-", Act::Zoom(1.0 / 1.2))],
-        "+ -, wheel            nearer, farther; right drag shifts",
+        "+ -, wheel        nearer, farther",
     ),
     (
         &[
@@ -85,33 +85,33 @@ pub(super) const KEYS: [(&[(&str, Act)], &str); 19] = [
             ("8", Act::Look(NamedView::Oblique(1))),
             ("9", Act::Look(NamedView::Oblique(2))),
         ],
-        "1 to 9                x- x+ y- y+ z- z+ and oblique views",
+        "1 to 9            x- x+ y- y+ z- z+ and oblique views",
     ),
-    (&[("m", Act::NextMode)], "m                     volume, surface, greatest value"),
+    (&[("m", Act::NextMode)], "m                 volume, surface, greatest value"),
     (
         &[("i", Act::Isovalue(0.01)), ("I", Act::Isovalue(-0.01))],
-        "i I                   surface at a higher, lower value",
+        "i I               surface at a higher, lower value",
     ),
-    (&[("g", Act::Shade)], "g                     shading"),
+    (&[("g", Act::Shade)], "g                 shading"),
     (
         &[("]", Act::Shift(0.02)), ("[", Act::Shift(-0.02))],
-        "] [                   transfer function to higher, lower values",
+        "] [               transfer function to higher, lower values",
     ),
     (
         &[("}", Act::Widen(1.25)), ("{", Act::Widen(0.8))],
-        "} {                   transfer function wider, narrower",
+        "} {               transfer function wider, narrower",
     ),
     (
         &[("o", Act::Strengthen(1.25)), ("O", Act::Strengthen(0.8))],
-        "o O                   more, less opaque",
+        "o O               more, less opaque",
     ),
-    (&[("c", Act::NextMap)], "c                     next colour map"),
+    (&[("c", Act::NextMap)], "c                 next colour map"),
     (
         &[("a", Act::Accuracy(0.5)), ("A", Act::Accuracy(2.0))],
-        "a A                   finer, coarser levels",
+        "a A               finer, coarser levels",
     ),
-    (&[("s", Act::Step(0.5)), ("S", Act::Step(2.0))], "s S                   shorter, longer steps"),
-    (&[("b", Act::Blend)], "b                     blending between levels"),
+    (&[("s", Act::Step(0.5)), ("S", Act::Step(2.0))], "s S               shorter, longer steps"),
+    (&[("b", Act::Blend)], "b                 blending between levels"),
     (
         &[
             ("x", Act::Clip { axis: 0, high: false, inwards: 0.05 }),
@@ -121,7 +121,7 @@ pub(super) const KEYS: [(&[(&str, Act)], &str); 19] = [
             ("z", Act::Clip { axis: 2, high: false, inwards: 0.05 }),
             ("Z", Act::Clip { axis: 2, high: false, inwards: -0.05 }),
         ],
-        "x y z, X Y Z          cut from the low end, and back",
+        "x y z, X Y Z      cut from the low end, and back",
     ),
     (
         &[
@@ -132,17 +132,20 @@ pub(super) const KEYS: [(&[(&str, Act)], &str); 19] = [
             ("l", Act::Clip { axis: 2, high: true, inwards: 0.05 }),
             ("L", Act::Clip { axis: 2, high: true, inwards: -0.05 }),
         ],
-        "j k l, J K L          cut from the high end of x, y, z, and back",
+        "j k l, J K L      cut from the high end, and back",
     ),
-    (&[("u", Act::Unclip), ("r", Act::Reset)], "u r                   uncut; everything as at first"),
-    (&[("p", Act::Screenshot)], "p                     picture into a file, when it is whole"),
-    (&[("f", Act::Figures), ("h", Act::Help)], "f h                   figures; this help"),
-    (&[("q", Act::Quit), ("Escape", Act::Quit)], "q, Escape             end"),
+    (&[("u", Act::Unclip), ("r", Act::Reset)], "u r               uncut; everything as at first"),
+    (&[("p", Act::Screenshot)], "p                 picture into a file, when it is whole"),
+    (&[("f", Act::Figures), ("h", Act::Help)], "f h               figures; this help"),
+    (&[("q", Act::Quit), ("Escape", Act::Quit)], "q, Escape         end"),
 ];
 
 /// What a key does, if anything.
 pub(super) fn act_of(key: &str) -> Option<Act> {
-    KEYS.iter().flat_map(|(keys, _)| keys.iter()).find(|(name, _)| *name == key).map(|(_, act)| *act)
+    KEYS.iter()
+        .flat_map(|(keys, _)| keys.iter())
+        .find(|(name, _)| *name == key)
+        .map(|(_, act)| *act)
 }
 
 /// A scene as it was opened, and what has been done to it.
@@ -231,7 +234,8 @@ impl Scene {
     fn window(&self, transfer: &TransferFunction) -> [f64; 2] {
         let opened = &self.opened;
         if let Mode::Mip = self.look.mode {
-            let ends = if opened.look.mode == Mode::Mip { opened.look.window } else { opened.range };
+            let ends =
+                if opened.look.mode == Mode::Mip { opened.look.window } else { opened.range };
             let window = ends.map(|end| self.edit.moved(end, ends, opened.range));
             if window[0] < window[1] { window } else { opened.look.window }
         } else {
@@ -263,8 +267,7 @@ impl Scene {
                     Mode::Iso(_) => Mode::Mip,
                     Mode::Mip => Mode::Dvr,
                 };
-                self.look.shading =
-                    matches!(self.look.mode, Mode::Iso(_)).then(Shading::default);
+                self.look.shading = matches!(self.look.mode, Mode::Iso(_)).then(Shading::default);
             }
             Act::Isovalue(by) => {
                 let [low, high] = self.opened.range;
@@ -315,11 +318,6 @@ impl Scene {
     pub(super) fn map_name(&self) -> Option<&'static str> {
         self.edit.map.and_then(|at| ColorMap::all().nth(at)).map(|map| map.name())
     }
-
-    /// The surface's value.
-    pub(super) fn isovalue(&self) -> f64 {
-        self.isovalue
-    }
 }
 
 #[cfg(test)]
@@ -354,7 +352,9 @@ mod tests {
         for (key, act) in KEYS.iter().flat_map(|(keys, _)| keys.iter()) {
             let mut scene = scene();
             // Somewhere between the ends of everything.
-            for (axis, high) in [(0, false), (0, true), (1, false), (1, true), (2, false), (2, true)] {
+            for (axis, high) in
+                [(0, false), (0, true), (1, false), (1, true), (2, false), (2, true)]
+            {
                 scene.act(Act::Clip { axis, high, inwards: 0.2 });
             }
             scene.act(Act::Turn(0.3, 0.2));
@@ -369,7 +369,8 @@ mod tests {
 
     #[test]
     fn whatever_is_done_leaves_a_look_that_can_be_drawn() {
-        let acts: Vec<Act> = KEYS.iter().flat_map(|(keys, _)| keys.iter()).map(|(_, a)| *a).collect();
+        let acts: Vec<Act> =
+            KEYS.iter().flat_map(|(keys, _)| keys.iter()).map(|(_, a)| *a).collect();
         for first in &acts {
             for second in &acts {
                 let mut scene = scene();
