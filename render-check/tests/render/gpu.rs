@@ -143,24 +143,12 @@ fn a_slab_on_the_device_leaves_exp_of_minus_its_depth() {
 
 #[test]
 fn halving_the_step_divides_the_error_on_the_device_by_four() {
-    let folding = Folding { core: 64, ..Folding::default() };
-    let made = make_f32([64, 8, 8], folding, |[x, _, _]| 0.5 + 0.5 * (x as f32 * 0.2).sin());
+    let (made, view, look) = wave();
     if on_device(&made, Sampling::Manual).is_none() {
         return;
     }
-    let smooth = transfer(&[
-        (0.0, [0.9, 0.1, 0.1], 0.02),
-        (0.5, [0.1, 0.8, 0.2], 0.3),
-        (1.0, [0.2, 0.3, 1.0], 0.05),
-    ]);
     let errors = convergence(|step_voxels| {
-        let look = Look {
-            step_voxels,
-            table_entries: Look::TABLE_LIMIT,
-            filter: Filter::Trilinear,
-            ..Look::new(smooth.clone(), [0.0, 1.0])
-        };
-        let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [4, 4]);
+        let look = Look { step_voxels, ..look.clone() };
         let mut renderer = on_device(&made, Sampling::Manual).unwrap();
         renderer.converge(&view, &look, None, None, |_| {}).unwrap().picture
     });

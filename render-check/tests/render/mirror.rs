@@ -3,7 +3,7 @@
 use crate::support::*;
 use octree_store::Encoding;
 use render_check::RendererOptions;
-use render_check::view::{Filter, Look, Mode, Shading};
+use render_check::view::{Look, Mode, Shading};
 
 const DIMS: [u64; 3] = [70, 61, 55];
 
@@ -64,24 +64,9 @@ fn visibility_changes_what_is_loaded_and_not_the_picture() {
 
 #[test]
 fn halving_the_step_divides_the_error_of_the_mirror_by_four() {
-    // A long wave in one brick, sampled at whole fractions of a voxel from a voxel's middle on: what is left is the
-    // trapezoid's error of the second order, until f32 is in sight.
-    let folding = Folding { core: 64, ..Folding::default() };
-    let made = make_f32([64, 8, 8], folding, |[x, _, _]| 0.5 + 0.5 * (x as f32 * 0.2).sin());
-    let smooth = transfer(&[
-        (0.0, [0.9, 0.1, 0.1], 0.02),
-        (0.5, [0.1, 0.8, 0.2], 0.3),
-        (1.0, [0.2, 0.3, 1.0], 0.05),
-    ]);
+    let (made, view, look) = wave();
     let errors = convergence(|step_voxels| {
-        let look = Look {
-            step_voxels,
-            table_entries: Look::TABLE_LIMIT,
-            filter: Filter::Trilinear,
-            ..Look::new(smooth.clone(), [0.0, 1.0])
-        };
-        let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [4, 4]);
-        made.mirrored(&view, &look).picture
+        made.mirrored(&view, &Look { step_voxels, ..look.clone() }).picture
     });
     println!("{errors:?}");
     assert_second_order(&errors);

@@ -1,5 +1,6 @@
 //! `octavo render`: a store's picture as a PNG, held against its source where that is at hand.
 
+mod drawer;
 mod look;
 mod source;
 
@@ -8,6 +9,7 @@ use crate::exit::Answer;
 use crate::parse;
 use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
+pub(super) use drawer::Drawer;
 pub(super) use look::{LookArgs, data_range, default_transfer};
 use octree_store::Store;
 use octree_store::loader::{Camera, ClipBox, View};

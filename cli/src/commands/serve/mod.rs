@@ -2,12 +2,13 @@
 
 mod pictures;
 
+use super::render::Drawer;
 use crate::exit::Answer;
 use crate::parse;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use octree_store::StoreError;
-use pictures::{Drawer, Pictures};
+use pictures::Pictures;
 use serve::{Compressor, Options, ServeError, Server, Token, neuroglancer_link};
 use std::future::Future;
 use std::io::{self, Write};
@@ -57,7 +58,7 @@ pub(super) struct Serve {
     threads: Option<usize>,
     /// Who draws pictures for the 3-D view
     #[arg(long, value_enum, default_value_t)]
-    renderer: RendererName,
+    renderer: Drawer,
     /// Write a line of JSON for every request to standard error
     #[arg(long)]
     access_log: bool,
@@ -68,31 +69,6 @@ enum CompressorName {
     #[default]
     None,
     Zstd,
-}
-
-#[derive(Debug, Clone, Copy, Default, ValueEnum)]
-enum RendererName {
-    /// Vulkan where there is any, else the processor
-    #[default]
-    Auto,
-    /// Vulkan
-    Gpu,
-    /// The processor
-    Cpu,
-    /// Nobody
-    None,
-}
-
-impl RendererName {
-    fn renderer(self) -> Option<Arc<dyn serve::Renderer>> {
-        let drawer = match self {
-            Self::Auto => Drawer::Any,
-            Self::Gpu => Drawer::Gpu,
-            Self::Cpu => Drawer::Cpu,
-            Self::None => return None,
-        };
-        Some(Arc::new(Pictures::new(drawer)))
-    }
 }
 
 impl Serve {
@@ -107,14 +83,14 @@ impl Serve {
             .build()
             .context("threads cannot be started")?;
         runtime.block_on(async {
-            let server = Server::bind(options, self.renderer.renderer()).await.map_err(
-                |error| match error {
-                    ServeError::Options(error) => anyhow::Error::new(error),
-                    ServeError::Bind { bind, source } => {
-                        anyhow::Error::new(source).context(format!("{bind} cannot be listened on"))
-                    }
-                },
-            )?;
+            let renderer = (self.renderer != Drawer::None)
+                .then(|| Arc::new(Pictures::new(self.renderer)) as Arc<dyn serve::Renderer>);
+            let server = Server::bind(options, renderer).await.map_err(|error| match error {
+                ServeError::Options(error) => anyhow::Error::new(error),
+                ServeError::Bind { bind, source } => {
+                    anyhow::Error::new(source).context(format!("{bind} cannot be listened on"))
+                }
+            })?;
             // Who started it may have stopped listening; it serves all the same.
             let _ = announce(&server);
             server.run(stopped()?).await;

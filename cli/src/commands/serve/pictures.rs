@@ -1,13 +1,12 @@
 //! Pictures for whoever asks the server: render-check's renderers, kept from one request to the next, so that what a view
 //! has loaded is there for the next one.
 
-use super::super::render::{data_range, default_transfer};
+use super::super::render::{Drawer, data_range, default_transfer};
 use octree_store::Store;
 use octree_store::loader::TransferFunction;
-use render_check::gpu::{AdapterChoice, GpuBackend, Sampling};
 use render_check::picture::{Bits, write_png};
 use render_check::view::Look;
-use render_check::{Backend, CpuBackend, Renderer, RendererOptions};
+use render_check::{Renderer, RendererOptions};
 use serve::{Picture, RenderError, RenderRequest};
 use std::sync::{Mutex, PoisonError};
 
@@ -16,17 +15,6 @@ const KEPT: usize = 2;
 
 /// Bricks in a renderer's pool: 50 MB of 8-bit ones.
 const SLOTS: usize = 1024;
-
-/// Who draws.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Drawer {
-    /// The graphics device if there is one, else the processor.
-    Any,
-    /// The graphics device.
-    Gpu,
-    /// The processor.
-    Cpu,
-}
 
 /// A store that is being looked at.
 struct Kept {
@@ -53,22 +41,9 @@ impl Pictures {
         anyhow::ensure!(own.metadata().digest == digest, "the dataset is being replaced");
         let (range, transfer) = (data_range(&own), default_transfer(&own)?);
         let options = RendererOptions { slots: SLOTS, ..RendererOptions::default() };
-        let (geometry, metadata) = (*own.geometry(), own.metadata());
-        let slots = options.slots_for(&geometry);
-        let cpu = || -> Box<dyn Backend> {
-            Box::new(CpuBackend::new(&geometry, metadata.spacing_xyz, slots))
+        let Some(renderer) = self.drawer.renderer(own, &options)? else {
+            anyhow::bail!("nobody draws here");
         };
-        let backend: Box<dyn Backend> = if self.drawer == Drawer::Cpu {
-            cpu()
-        } else {
-            let choice = AdapterChoice::default();
-            match GpuBackend::new(&choice, Sampling::Hardware, &geometry, metadata, slots) {
-                Ok(backend) => Box::new(backend),
-                Err(_) if self.drawer == Drawer::Any => cpu(),
-                Err(error) => return Err(error.into()),
-            }
-        };
-        let renderer = Renderer::new(own, backend, &options)?;
         Ok(Kept { digest, renderer, range, transfer })
     }
 

@@ -3,6 +3,7 @@
 use super::drawing::{GRID, INK};
 use super::plots::{self, LEGEND, Plot, label_of};
 use super::report::{Report, short};
+use super::view::ViewReading;
 use plotters::style::RGBColor;
 use preprocess::tradeoff::RungReading;
 use std::fmt::Write;
@@ -36,6 +37,9 @@ pub(super) fn page(report: &Report) -> anyhow::Result<String> {
     figures(&mut page, report, &plots)?;
     rungs(&mut page, report)?;
     levels(&mut page, report)?;
+    if let Some(reading) = &report.view {
+        view(&mut page, reading)?;
+    }
     page.push_str("</main>\n</body>\n</html>\n");
     Ok(page)
 }
@@ -234,6 +238,35 @@ fn levels(page: &mut String, report: &Report) -> std::fmt::Result {
                 tightness(level.amax_tightness),
             )?;
         }
+    }
+    page.push_str("</tbody>\n</table></div>\n");
+    Ok(())
+}
+
+fn view(page: &mut String, reading: &ViewReading) -> anyhow::Result<()> {
+    let plot = plots::of_view(reading)?;
+    let [width, height] = reading.size;
+    write!(
+        page,
+        "<h2>A view</h2>\n<p>One picture of {width} × {height} pixels, view {}, stored as {}, by {}. PSNR is against the source          itself, drawn in 64 bits without an octree, samples {} voxels apart. Pixels a voxel is          <code>--accuracy</code>: above 1 coarser levels are taken; the step between samples, in voxels of the level at hand, is <code>--step</code>.</p>\n         <div class=\"plots\"><figure><figcaption>{}</figcaption>{}</figure></div>\n         <div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"A view\"><table>\n<thead><tr>         <th scope=\"col\">Pixels a voxel, step</th><th scope=\"col\">ms a frame</th><th scope=\"col\">Bricks read</th>         <th scope=\"col\">Bytes read</th><th scope=\"col\">PSNR dB</th><th scope=\"col\">SSIM</th></tr></thead>\n<tbody>\n",
+        reading.view,
+        escaped(&reading.encoding),
+        escaped(&reading.adapter),
+        short(reading.true_step_voxels),
+        escaped(&plot.title),
+        plot.svgs.iter().map(|svg| svg.trim()).collect::<String>(),
+    )?;
+    for picture in &reading.pictures {
+        writeln!(
+            page,
+            "<tr><th scope=\"row\">{}</th><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.4}</td></tr>",
+            picture.name(),
+            picture.frame_ms,
+            picture.bricks,
+            picture.bytes,
+            picture.psnr_db.map_or("–".into(), |psnr| format!("{psnr:.1}")),
+            picture.ssim
+        )?;
     }
     page.push_str("</tbody>\n</table></div>\n");
     Ok(())

@@ -8,7 +8,9 @@ mod labels;
 mod plots;
 mod report;
 mod show;
+mod view;
 
+use super::render::Drawer;
 use super::{RawArgs, SeriesArgs, print_json, write_whole};
 use crate::exit::Answer;
 use crate::parse;
@@ -72,6 +74,9 @@ pub(super) struct Tradeoff {
     /// Own memory of a conversion at most, pages of mapped files apart
     #[arg(long, value_name = "SIZE", value_parser = parse::size, default_value = "512MiB")]
     memory: u64,
+    /// Who draws the pictures that show what a view costs
+    #[arg(long, value_enum, default_value_t)]
+    renderer: Drawer,
     /// Replace reports that are there
     #[arg(long)]
     force: bool,
@@ -111,13 +116,18 @@ impl Tradeoff {
         let bar = Bar::new("measuring", 2 * bricks * rungs.len() as u64);
         let readings = measure(&sampled, &rungs, &how, folder.scratch(), &bar);
         bar.finish();
+        let rungs = readings?;
+        let bar = Bar::new("drawing", 2 * bricks);
+        let view = view::measure(&sampled, &how, self.renderer, folder.scratch(), &bar);
+        bar.finish();
         let report = Report::new(report::Measured {
             description: &description,
             file_dims_xyz,
             sampled: &sampled,
             threshold,
             how: &how,
-            rungs: readings?,
+            rungs,
+            view: view?,
             wish_error: self.wish_error.map(Limit::given),
             wish_bits: self.wish_bits.map(Limit::given),
             convert: self.convert_command(),

@@ -4,6 +4,7 @@ use super::axis::{Axis, Scale};
 use super::drawing::{Area, LAYOUTS, Layout, Shape, frame, mark, picture};
 use super::labels::write_labels;
 use super::report::{Report, short};
+use super::view::ViewReading;
 use anyhow::anyhow;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
@@ -96,6 +97,33 @@ pub(super) fn all(report: &Report) -> anyhow::Result<Vec<Plot>> {
     plots.push(by_level("RMS", report, |level| (level.deviation_rms, level.rms_bound))?);
     plots.push(by_level("AMAX", report, |level| (level.deviation_amax, level.amax_bound))?);
     Ok(plots)
+}
+
+/// What a picture's time buys.
+pub(super) fn of_view(reading: &ViewReading) -> anyhow::Result<Plot> {
+    let accuracies: Vec<f64> = {
+        let mut all: Vec<_> = reading.pictures.iter().map(|picture| picture.accuracy).collect();
+        all.dedup();
+        all
+    };
+    let points: Vec<Point> = reading
+        .pictures
+        .iter()
+        .map(|picture| {
+            let place = accuracies.iter().position(|accuracy| *accuracy == picture.accuracy);
+            Point {
+                label: picture.name(),
+                colour: LEGEND[place.unwrap_or(0) % LEGEND.len()].1,
+                shape: Shape::Circle,
+                at: [positive(picture.frame_ms), picture.psnr_db],
+            }
+        })
+        .collect();
+    let axes = [
+        ("milliseconds a frame", Scale::Log, "0"),
+        ("PSNR against the source, dB", Scale::Linear, "exact"),
+    ];
+    scatter("PSNR over time a frame; points are named by pixels a voxel and step", &points, axes)
 }
 
 fn positive(value: f64) -> Option<f64> {

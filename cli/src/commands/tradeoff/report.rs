@@ -1,5 +1,6 @@
 //! `report.json`: schema `octavo.tradeoff/1`, which docs/TRADEOFF.md documents.
 
+use super::view::ViewReading;
 use octree_store::{Region, SampleType, SourceDescription};
 use preprocess::ConvertOptions;
 use preprocess::tradeoff::{RungReading, SampleValues, Sampled, Wish, choose};
@@ -24,6 +25,8 @@ pub(super) struct Report {
     pub(super) empty_below: Option<Threshold>,
     pub(super) rungs: Vec<RungReading>,
     pub(super) wishes: Vec<WishJson>,
+    /// Null where nobody drew.
+    pub(super) view: Option<ViewReading>,
 }
 
 #[derive(Debug, Serialize)]
@@ -99,6 +102,7 @@ pub(super) struct Measured<'a> {
     pub(super) threshold: Option<Threshold>,
     pub(super) how: &'a ConvertOptions,
     pub(super) rungs: Vec<RungReading>,
+    pub(super) view: Option<ViewReading>,
     pub(super) wish_error: Option<Limit>,
     pub(super) wish_bits: Option<Limit>,
     /// The beginning of the command that converts the input.
@@ -154,6 +158,7 @@ impl Report {
             empty_below: threshold,
             rungs,
             wishes: wishes.into(),
+            view: measured.view,
         }
     }
 

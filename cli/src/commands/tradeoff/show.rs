@@ -37,6 +37,27 @@ pub(super) fn print(report: &Report, folder: &Path) -> io::Result<()> {
             None => writeln!(out, "{}: none of these", wish.words())?,
         }
     }
+    if let Some(view) = &report.view {
+        let [width, height] = view.size;
+        writeln!(out, "\na view of {width} x {height} pixels by {}:", view.adapter)?;
+        writeln!(
+            out,
+            "  {:>14} {:>6} {:>8} {:>8} {:>8} {:>7}",
+            "pixels a voxel", "step", "ms", "bricks", "MB", "PSNR dB"
+        )?;
+        for picture in &view.pictures {
+            writeln!(
+                out,
+                "  {:>14} {:>6} {:>8.1} {:>8} {:>8.2} {:>7}",
+                picture.accuracy,
+                picture.step_voxels,
+                picture.frame_ms,
+                picture.bricks,
+                picture.bytes as f64 / 1e6,
+                picture.psnr_db.map_or("-".to_owned(), |psnr| format!("{psnr:.1}"))
+            )?;
+        }
+    }
     writeln!(
         out,
         "\n{:.1} % of the volume measured; decoding on one thread; reports in {}",
