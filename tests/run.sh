@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test. Installs what they need first: Python with independent readers of NIfTI, TIFF, PNG,
 # NRRD, MetaImage and DICOM, and with clients of the server; Chromium, Neuroglancer and niivue; a Vulkan driver
-# that draws on the processor; and QEMU, which runs the program as processors without AVX-512 and AVX2 would.
+# that draws on the processor; an X server without a screen; and QEMU, which runs the program as processors without AVX-512 and AVX2 would.
 # On a fresh Debian machine git, curl and a Rust toolchain are enough to begin with.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -59,6 +59,12 @@ export OCTAVO_TEST_VIEWERS="$PWD/$viewers"
 if [ -z "${VK_DRIVER_FILES:-}" ] && ! ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1; then
   as_root apt-get update -qq
   as_root apt-get install -y -qq --no-install-recommends mesa-vulkan-drivers libvulkan1
+fi
+
+# An X server without a screen, hands for it, and a camera; the libraries that a window asks for as it opens.
+if ! command -v Xvfb >/dev/null || ! command -v xdotool >/dev/null || ! command -v import >/dev/null; then
+  as_root apt-get update -qq
+  as_root apt-get install -y -qq --no-install-recommends xvfb xdotool imagemagick libxkbcommon-x11-0 libx11-xcb1 libxcursor1 libxi6 libxrandr2
 fi
 
 # Rust links through a C compiler.

@@ -15,6 +15,7 @@ fn the_tooths_report_is_true_and_can_be_seen() {
     every_rung_says_what_info_and_verify_say_of_the_same_conversion(&bench, &report);
     figures_go_the_way_that_theory_says(&report);
     every_level_lies_within_its_bound_and_level_0_is_what_the_store_says(&report);
+    a_view_that_costs_less_shows_less(&report);
     wishes_are_the_best_of_the_table_and_their_commands_work(&bench, &report);
     the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(&bench);
 }
@@ -123,6 +124,31 @@ fn figures_go_the_way_that_theory_says(report: &Value) {
             assert!(number(rung, key) > 0.0, "{key} of {}", rung["name"]);
         }
     }
+}
+
+fn a_view_that_costs_less_shows_less(report: &Value) {
+    let pictures = report["view"]["pictures"].as_array().unwrap();
+    assert_eq!(pictures.len(), 16);
+    let picture = |accuracy: f64, step: f64| {
+        let same = |p: &&Value| p["accuracy"] == accuracy && p["step_voxels"] == step;
+        pictures.iter().find(same).unwrap_or_else(|| panic!("{accuracy} {step}"))
+    };
+    for step in [0.25, 0.5, 1.0, 2.0] {
+        for pair in [0.5, 1.0, 2.0, 4.0].windows(2) {
+            let [finer, coarser] = [picture(pair[0], step), picture(pair[1], step)];
+            for key in ["bricks", "bytes"] {
+                assert!(number(finer, key) >= number(coarser, key), "{finer} {coarser}");
+            }
+        }
+        assert!(number(picture(0.5, step), "bytes") > number(picture(4.0, step), "bytes"));
+    }
+    let psnr = |accuracy, step| number(picture(accuracy, step), "psnr_db");
+    assert!(psnr(0.5, 0.25) >= 45.0, "{}", report["view"]);
+    for pair in [(0.5, 1.0), (1.0, 2.0), (2.0, 4.0)] {
+        assert!(psnr(pair.0, 0.25) > psnr(pair.1, 0.25), "{}", report["view"]);
+    }
+    assert!(psnr(0.5, 0.25) > psnr(0.5, 2.0), "{}", report["view"]);
+    assert!(pictures.iter().all(|picture| number(picture, "frame_ms") > 0.0));
 }
 
 fn every_level_lies_within_its_bound_and_level_0_is_what_the_store_says(report: &Value) {
@@ -333,9 +359,9 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         assert!(!without_names.contains(asks), "{asks}");
     }
     // Each plot for wide pages and for narrow ones.
-    assert_eq!(page.matches("<svg").count(), 2 * 11);
-    assert_eq!(page.matches("<title id=").count(), 2 * 11);
-    assert_eq!(page.matches("<desc id=").count(), 2 * 11);
+    assert_eq!(page.matches("<svg").count(), 2 * 12);
+    assert_eq!(page.matches("<title id=").count(), 2 * 12);
+    assert_eq!(page.matches("<desc id=").count(), 2 * 12);
 
     // A copy that says where its plots are, and how many pixels of the screen their smallest letters have.
     let script = "<script>const seen=[...document.querySelectorAll('svg')].filter(s=>\
@@ -368,7 +394,7 @@ fn the_page_shows_every_plot_in_a_real_browser_and_asks_for_no_other_file(bench:
         assert_eq!(boxes["width"], width, "{name}");
         // Wishes and their commands are read without scrolling, and rows keep their names while scrolling.
         assert_eq!([&boxes["wishes"], &boxes["named"]], [true, true], "{name}");
-        assert_eq!(boxes["boxes"].as_array().unwrap().len(), 11, "{name}");
+        assert_eq!(boxes["boxes"].as_array().unwrap().len(), 12, "{name}");
         assert!(boxes["letters"].as_f64().unwrap() >= 11.0, "{name}: {}", boxes["letters"]);
         let height = boxes["height"].as_u64().unwrap();
         let picture = artifacts().join(format!("tradeoff-{name}.png"));

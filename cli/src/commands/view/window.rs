@@ -380,7 +380,7 @@ fn free_name(folder: &Path, stem: &str) -> PathBuf {
 fn told(look: &Look, map: Option<&str>) -> String {
     let mode = match look.mode {
         Mode::Dvr => "volume".to_owned(),
-        Mode::Iso(value) => format!("surface at {value:.6}"),
+        Mode::Iso(value) => format!("surface at {value}"),
         Mode::Mip => "greatest value".to_owned(),
     };
     let [low, high] = look.window;
@@ -392,7 +392,7 @@ fn told(look: &Look, map: Option<&str>) -> String {
     let cut = if look.clip.is_some() { ", cut" } else { "" };
     let colors = map.unwrap_or("own colours");
     format!(
-        "{mode}, {low:.6} to {high:.6}, {colors}; {} pixels a voxel, step {}{blended}{shaded}{cut}",
+        "{mode}, {low} to {high}, {colors}; {} pixels a voxel, step {}{blended}{shaded}{cut}",
         look.accuracy, look.step_voxels
     )
 }
