@@ -1,6 +1,7 @@
 //! `octavo view`: a store in a window, frame after frame of the same renderer that draws pictures and proves them.
 
 mod camera;
+mod latest;
 mod overlay;
 mod painter;
 mod scene;
@@ -28,11 +29,11 @@ pub(super) struct View {
     #[arg(long, value_name = "WxH", value_parser = size, default_value = "1024x576")]
     size: [u32; 2],
     /// Camera as JSON
-    #[arg(long, value_name = "FILE.json", conflicts_with = "view")]
+    #[arg(long, value_name = "FILE.json", conflicts_with = "named")]
     camera: Option<PathBuf>,
     /// Camera by name: x-, x+, y-, y+, z-, z+, oblique1 to oblique3, inside, grazing
-    #[arg(long, value_name = "NAME", default_value = "oblique1")]
-    view: String,
+    #[arg(long = "view", value_name = "NAME", default_value = "oblique1")]
+    named: String,
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
@@ -64,7 +65,7 @@ impl View {
         let aspect = f64::from(self.size[0]) / f64::from(self.size[1]);
         let camera = match &self.camera {
             Some(path) => read_json(path, |text| Ok(serde_json::from_str(text)?))?,
-            None => NamedView::find(&self.view)?.camera(&metadata, aspect)?,
+            None => NamedView::find(&self.named)?.camera(&metadata, aspect)?,
         };
         let dims = store.geometry().dims_xyz();
         let size_xyz = [0, 1, 2].map(|axis| dims[axis] as f64 * metadata.spacing_xyz[axis]);

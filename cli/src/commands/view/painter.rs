@@ -1,10 +1,10 @@
 //! The thread that draws: always the newest wish, small while the hand moves, whole when it rests.
 
+use super::latest::{Latest, Taken};
 use octree_store::loader::{Camera, View};
 use render_check::picture::Picture;
 use render_check::view::Look;
 use render_check::{Effort, Renderer};
-use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
 /// What the window wants to see.
@@ -50,23 +50,20 @@ const COARSEST: u32 = 8;
 /// When the renderer fails.
 pub(super) fn paint(
     mut renderer: Renderer,
-    wishes: &Receiver<Wish>,
+    wishes: &Latest<Wish>,
     mut show: impl FnMut(Painted) -> bool,
 ) -> anyhow::Result<()> {
     let mut pixels_per_sec = None;
-    while let Ok(mut wish) = wishes.recv() {
+    while let Some(mut wish) = wishes.wait() {
         let mut done = false;
         while !done {
-            if let Some(newer) = wishes.try_iter().last() {
-                wish = newer;
-            }
             let size = if wish.moving { moving_size(wish.size, pixels_per_sec) } else { wish.size };
             let view = View::new(wish.camera.clone(), size)?;
             let started = Instant::now();
             let rendered = renderer.frame(&view, &wish.look, None)?;
             let pixels = f64::from(size[0]) * f64::from(size[1]);
             pixels_per_sec = Some(pixels / started.elapsed().as_secs_f64().max(1e-6));
-            // A hand that stops will say so: while it moves, each wish is drawn as long as something is left to load.
+            // A hand that rests sends another wish.
             done = rendered.converged;
             let painted = Painted {
                 wish: wish.clone(),
@@ -80,10 +77,10 @@ pub(super) fn paint(
                 return Ok(());
             }
             if !done {
-                match wishes.try_recv() {
-                    Ok(newer) => wish = newer,
-                    Err(TryRecvError::Empty) => renderer.wait(PATIENCE),
-                    Err(TryRecvError::Disconnected) => return Ok(()),
+                match wishes.take() {
+                    Taken::New(newer) => wish = newer,
+                    Taken::Nothing => renderer.wait(PATIENCE),
+                    Taken::Closed => return Ok(()),
                 }
             }
         }

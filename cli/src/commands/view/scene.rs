@@ -316,7 +316,7 @@ impl Scene {
 
     /// The name of the colour map at hand, if one replaces the function's own colours.
     pub(super) fn map_name(&self) -> Option<&'static str> {
-        self.edit.map.and_then(|at| ColorMap::all().nth(at)).map(|map| map.name())
+        self.edit.map.and_then(|at| ColorMap::all().nth(at)).map(ColorMap::name)
     }
 }
 

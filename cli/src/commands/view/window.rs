@@ -1,5 +1,6 @@
 //! The window: it takes keys and the mouse to the scene, wishes to the painter, and pictures to the screen.
 
+use super::latest::Latest;
 use super::overlay::{self, Canvas};
 use super::painter::{Painted, Wish, paint};
 use super::scene::{Act, KEYS, Scene, act_of};
@@ -15,7 +16,6 @@ use softbuffer::{Context, Surface};
 use std::num::NonZeroU32;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 use winit::application::ApplicationHandler;
@@ -50,7 +50,7 @@ pub(super) struct Viewer {
     metadata: Metadata,
     shot: Shot,
     adapter: String,
-    wishes: Sender<Wish>,
+    wishes: Arc<Latest<Wish>>,
     wanted_size: [u32; 2],
     /// The window and its pixels, once there is one.
     shown: Option<Surface<OwnedDisplayHandle, Arc<Window>>>,
@@ -86,7 +86,8 @@ impl Viewer {
         let events = EventLoop::<News>::with_user_event().build().map_err(no_display)?;
         let display = Context::new(events.owned_display_handle()).map_err(no_display)?;
         let adapter = renderer.backend().adapter();
-        let (wishes, wished) = channel();
+        let wishes = Arc::new(Latest::new());
+        let wished = Arc::clone(&wishes);
         let proxy = events.create_proxy();
         let painter = thread::Builder::new().name("painter".to_owned()).spawn(move || {
             let show = |painted| proxy.send_event(News::Painted(Box::new(painted))).is_ok();
@@ -117,7 +118,7 @@ impl Viewer {
         };
         events.run_app(&mut viewer).map_err(no_display)?;
         let Self { failed, wishes, .. } = viewer;
-        drop(wishes);
+        wishes.close();
         let ended = painter.join();
         match failed {
             Some(error) => Err(error),
@@ -138,8 +139,7 @@ impl Viewer {
         self.rests_at = moving.then(|| Instant::now() + REST);
         let (camera, look) = (self.scene.camera()?, self.scene.look());
         let wish = Wish { serial: self.serial, camera, look, size, moving };
-        // The painter that has ended says why in an event of its own.
-        self.wishes.send(wish).ok();
+        self.wishes.put(wish);
         Ok(())
     }
 
@@ -417,7 +417,7 @@ fn no_display(error: impl std::fmt::Display) -> std::io::Error {
     ))
 }
 
-fn failed_to_show(error: softbuffer::SoftBufferError) -> anyhow::Error {
+fn failed_to_show(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("the picture cannot be shown: {error}")
 }
 
