@@ -88,6 +88,15 @@ pub struct Renderer {
     effort: Effort,
 }
 
+/// Pixels of a view for one of the small one that finds what it needs.
+const SMALLER: u32 = 4;
+
+/// The small view that finds what a view needs; none where the view is small itself.
+fn small_of(view: &View) -> Option<View> {
+    let size = view.size.map(|side| side / SMALLER);
+    size.iter().all(|side| *side >= 16).then(|| View { camera: view.camera.clone(), size })
+}
+
 /// The longest that a frame waits for data when nothing else is to be done.
 const PATIENCE: Duration = Duration::from_millis(50);
 
@@ -147,9 +156,20 @@ impl Renderer {
         look: &Look,
         ends: Option<&[f32]>,
     ) -> Result<Rendered, RenderError> {
+        self.step(view, view, look, ends)
+    }
+
+    /// A frame for a view, drawn as another sees it.
+    fn step(
+        &mut self,
+        view: &View,
+        drawn: &View,
+        look: &Look,
+        ends: Option<&[f32]>,
+    ) -> Result<Rendered, RenderError> {
         let started = Instant::now();
         let (index, converged, problems) = self.load(view, look)?;
-        let Drawn { picture, seen, device_secs } = self.draw(&index, view, look, ends)?;
+        let Drawn { picture, seen, device_secs } = self.draw(&index, drawn, look, ends)?;
         self.loader.feedback(index.serial(), Feedback::Nodes(&seen));
         self.effort.frames += 1;
         self.effort.gpu_ms = device_secs.map(|secs| secs * 1e3);
@@ -159,7 +179,8 @@ impl Renderer {
         Ok(Rendered { picture, converged, limited, problems })
     }
 
-    /// Draws frames until nothing is left to load, or for so long; `watch` sees each. Without visibility only the last is drawn.
+    /// Draws frames until nothing is left to load, or for so long. Without visibility only the last is drawn;
+    /// with it the first are drawn small, as rays some pixels apart reach the same nodes but for slivers, and whole ones find those.
     ///
     /// # Errors
     /// When the look is none, or the device fails.
@@ -169,7 +190,6 @@ impl Renderer {
         look: &Look,
         ends: Option<&[f32]>,
         at_most: Option<Duration>,
-        mut watch: impl FnMut(&Rendered),
     ) -> Result<Rendered, RenderError> {
         let started = Instant::now();
         let mut problems = Vec::new();
@@ -184,9 +204,18 @@ impl Renderer {
                 self.loader.wait(PATIENCE);
             }
         }
+        if let Some(small) = small_of(view).filter(|_| self.visibility && ends.is_none()) {
+            loop {
+                let rendered = self.step(view, &small, look, None)?;
+                problems.extend(rendered.problems);
+                if rendered.converged || late() {
+                    break;
+                }
+                self.wait(PATIENCE);
+            }
+        }
         loop {
             let mut rendered = self.frame(view, look, ends)?;
-            watch(&rendered);
             problems.append(&mut rendered.problems);
             if rendered.converged || late() {
                 return Ok(Rendered { problems, ..rendered });

@@ -101,7 +101,7 @@ pub fn check(
     for named in NamedView::ALL {
         let view = View::new(named.camera(metadata, aspect)?, options.size)?;
         for (name, look) in looks {
-            let rendered = renderer.converge(&view, look, None, None, |_| {})?;
+            let rendered = renderer.converge(&view, look, None, None)?;
             let shown = rendered.picture.over(background);
             let truth =
                 reference::draw(source, &view, look, Interpolation::Trilinear)?.over(background);

@@ -17,6 +17,9 @@ use wgpu::{BindingType, Buffer, BufferBindingType, BufferUsages, Features, Textu
 /// Entries of the table in a line of its texture, as `transfer.wgsl` reads them.
 const TABLE_LINE: usize = 1024;
 
+/// Texels of 256 nodes: a line of theirs, as `node.wgsl` reads them.
+const NODE_LINE: usize = 4 * 256;
+
 /// Distances that are none on the device.
 const FAR: f32 = 3e38;
 
@@ -128,17 +131,9 @@ impl GpuBackend {
         Ok(pipeline)
     }
 
-    /// A buffer with this content.
-    fn filled(&self, label: &str, bytes: &[u8]) -> Buffer {
-        let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let made = buffer(&self.device, label, bytes.len() as u64, usage);
-        self.device.queue.write_buffer(&made, 0, bytes);
-        made
-    }
-
     fn bind(
         &self,
-        nodes: &Buffer,
+        nodes: &wgpu::TextureView,
         table: &wgpu::TextureView,
         seen: &Buffer,
         tile: &TileBuffers,
@@ -146,7 +141,7 @@ impl GpuBackend {
         let view = self.pool.view();
         let resources = [
             self.frame.as_entire_binding(),
-            nodes.as_entire_binding(),
+            wgpu::BindingResource::TextureView(nodes),
             wgpu::BindingResource::TextureView(&view),
             wgpu::BindingResource::Sampler(&self.sampler),
             wgpu::BindingResource::TextureView(table),
@@ -239,7 +234,9 @@ impl Backend for GpuBackend {
             Some(tile) if tile.size == size => tile,
             _ => TileBuffers::new(&self.device, size),
         };
-        let node_buffer = self.filled("nodes", bytemuck::cast_slice(&nodes));
+        let node_words = bytemuck::cast_slice(&nodes);
+        let format = TextureFormat::Rgba32Uint;
+        let node_lines = texture_of_words(&self.device, "nodes", format, node_words, NODE_LINE);
         let table = bytemuck::cast_slice(table_rows(table));
         let table = texture_of_words(
             &self.device,
@@ -253,7 +250,7 @@ impl Backend for GpuBackend {
         let back_bytes = 32 + 20 * tile.pixels + seen.size();
         let back_usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let back = buffer(&self.device, "back", back_bytes, back_usage);
-        let group = self.bind(&node_buffer, &table, &seen, &tile);
+        let group = self.bind(&node_lines, &table, &seen, &tile);
         let rows = rows_of_tile(size);
         let mut seen_bytes = Vec::new();
         let mut device_secs = None;
@@ -307,8 +304,8 @@ fn seconds(back: &[u8], device: &Device) -> Option<f64> {
 }
 
 fn bind_layout(device: &Device, filterable: bool) -> wgpu::BindGroupLayout {
-    let storage = |read_only| BindingType::Buffer {
-        ty: BufferBindingType::Storage { read_only },
+    let storage = BindingType::Buffer {
+        ty: BufferBindingType::Storage { read_only: false },
         has_dynamic_offset: false,
         min_binding_size: None,
     };
@@ -327,22 +324,22 @@ fn bind_layout(device: &Device, filterable: bool) -> wgpu::BindGroupLayout {
     } else {
         wgpu::SamplerBindingType::NonFiltering
     });
-    let table = BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: false },
+    let words = |sample_type| BindingType::Texture {
+        sample_type,
         view_dimension: wgpu::TextureViewDimension::D2,
         multisampled: false,
     };
     let types = [
         uniform,
-        storage(true),
+        words(wgpu::TextureSampleType::Uint),
         texture,
         sampler,
-        table,
-        storage(false),
-        storage(false),
-        storage(false),
-        storage(false),
-        storage(false),
+        words(wgpu::TextureSampleType::Float { filterable: false }),
+        storage,
+        storage,
+        storage,
+        storage,
+        storage,
     ];
     let entries: Vec<_> = (0..)
         .zip(types)

@@ -47,7 +47,7 @@ const ISO: u32 = 1u;
 const MIP: u32 = 2u;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> nodes: array<Node>;
+@group(0) @binding(1) var nodes: texture_2d<u32>;
 @group(0) @binding(2) var bricks: texture_3d<f32>;
 @group(0) @binding(3) var linear_sampler: sampler;
 @group(0) @binding(4) var table: texture_2d<f32>;

@@ -25,7 +25,7 @@ fn above(node: Node, own: Data) -> Data {
     if node.parent == NO_NODE {
         return own;
     }
-    let parent = nodes[node.parent];
+    let parent = node_at(node.parent);
     if parent.slot == HIDDEN {
         return own;
     }
@@ -38,7 +38,7 @@ fn leaf_of(node: Node) -> Leaf {
         return Leaf(own, own, own);
     }
     let up = above(node, own);
-    return Leaf(own, up, above(nodes[node.parent], up));
+    return Leaf(own, up, above(node_at(node.parent), up));
 }
 
 fn voxel_of(leaf: Leaf) -> f32 {

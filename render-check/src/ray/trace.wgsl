@@ -51,7 +51,7 @@ fn advance(leaf: Leaf, ray: Ray, state: ptr<function, State>, last: ptr<function
 }
 
 fn close(ray: Ray, state: ptr<function, State>, last: ptr<function, Entry>, end: Station) {
-    let node = nodes[(*state).before];
+    let node = node_at((*state).before);
     let stride = stride_of(node);
     var station = Station(((*state).done_index / stride + 1) * stride, 0.0);
     if is_before(end, station) {
@@ -81,7 +81,7 @@ fn trace(ray: Ray, state: ptr<function, State>) -> bool {
     var budget = frame.budget;
     while budget > 0 {
         budget -= 1;
-        let node = nodes[(*state).node];
+        let node = node_at((*state).node);
         atomicStore(&seen[(*state).node], 1u);
         let here = Station((*state).index, (*state).part);
         let place = place_at(ray, here);

@@ -2,11 +2,13 @@
 
 fn descend(origin: u32, cell: vec3<i32>) -> u32 {
     var at = origin;
-    while nodes[at].first_child != NO_NODE {
-        let node = nodes[at];
-        let middle = corner_of(node) + size_of(node) / 2;
+    var child = first_child_of(at);
+    while child != NO_NODE {
+        let cube = cube_at(at);
+        let middle = cube.xyz + cube.w / 2;
         let upper = select(vec3(0i), vec3(1i, 2i, 4i), cell >= middle);
-        at = node.first_child + u32(upper.x + upper.y + upper.z);
+        at = child + u32(upper.x + upper.y + upper.z);
+        child = first_child_of(at);
     }
     return at;
 }
@@ -14,22 +16,19 @@ fn descend(origin: u32, cell: vec3<i32>) -> u32 {
 fn walk(origin: u32, cell: vec3<i32>) -> u32 {
     var at = origin;
     for (var i = 0; i < 3 * 64; i++) {
-        let node = nodes[at];
-        let low = corner_of(node);
-        let high = low + size_of(node);
-        let below = cell < low;
-        let above = cell >= high;
+        let cube = cube_at(at);
+        let below = cell < cube.xyz;
+        let above = cell >= cube.xyz + cube.w;
         if !any(below | above) {
             return descend(at, cell);
         }
-        var axis = 2;
+        var axis = 2u;
         if below.x || above.x {
-            axis = 0;
+            axis = 0u;
         } else if below.y || above.y {
-            axis = 1;
+            axis = 1u;
         }
-        let face = 2 * axis + select(0, 1, cell[axis] >= low[axis]);
-        let next = nodes[at].neighbours[face];
+        let next = neighbour_of(at, 2u * axis + select(1u, 0u, below[axis]));
         if next == NO_NODE {
             break;
         }

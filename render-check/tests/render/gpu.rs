@@ -74,7 +74,7 @@ fn the_device_draws_what_its_mirror_draws_in_every_mode() {
                     {
                         let look = Look { mode, shading, filter, ..look.clone() };
                         let view = perspective(&made, [0.3, -0.5, -1.0], distance, [96, 80]);
-                        let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+                        let device = renderer.converge(&view, &look, None, None).unwrap();
                         let mirror = made.mirrored(&view, &look);
                         let what = format!("{encoding:?} {name} {mode:?} {filter:?} {shading:?}");
                         let surface = matches!(mode, Mode::Iso(_));
@@ -93,7 +93,7 @@ fn texture_units_come_near() {
         let Some(mut renderer) = on_device(&made, Sampling::Hardware) else { return };
         for (name, look) in looks() {
             let view = perspective(&made, [0.3, -0.5, -1.0], 150.0, [96, 80]);
-            let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+            let device = renderer.converge(&view, &look, None, None).unwrap();
             let found = compared(&device.picture, &made.mirrored(&view, &look).picture);
             println!("{encoding:?} {name}: {found:?}");
             assert!(found.reaches(45.0), "{encoding:?} {name}: {found:?}");
@@ -114,7 +114,7 @@ fn a_ray_of_200_000_steps_is_not_cut_short() {
         ..Look::new(constant, [0.0, 90.0])
     };
     let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [8, 8]);
-    let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+    let device = renderer.converge(&view, &look, None, None).unwrap();
     for color in &device.picture.colors {
         let expected = -f32::exp_m1(-2.0);
         assert!((color[3] - expected).abs() < 2e-3, "{} {expected}", color[3]);
@@ -130,7 +130,7 @@ fn a_slab_on_the_device_leaves_exp_of_minus_its_depth() {
         let constant = transfer(&[(0.0, [0.5, 1.0, 0.25], depth / 64.0)]);
         let look = Look { filter: Filter::Trilinear, ..Look::new(constant, [0.0, 90.0]) };
         let view = orthographic(&made, [-1.0, 0.0, 0.0], 4.0, [8, 8]);
-        let device = renderer.converge(&view, &look, None, None, |_| {}).unwrap();
+        let device = renderer.converge(&view, &look, None, None).unwrap();
         let expected = -f64::exp_m1(-depth);
         for color in &device.picture.colors {
             // A ray ends where less than 1e-4 of the light is left.
@@ -150,7 +150,7 @@ fn halving_the_step_divides_the_error_on_the_device_by_four() {
     let errors = convergence(|step_voxels| {
         let look = Look { step_voxels, ..look.clone() };
         let mut renderer = on_device(&made, Sampling::Manual).unwrap();
-        renderer.converge(&view, &look, None, None, |_| {}).unwrap().picture
+        renderer.converge(&view, &look, None, None).unwrap().picture
     });
     println!("{errors:?}");
     assert_second_order(&errors);
@@ -165,7 +165,7 @@ fn a_homogeneous_cube_looks_the_same_from_six_sides_on_the_device() {
         let Some(mut renderer) = on_device(&made, sampling) else { return };
         let pictures = SIX_SIDES.map(|direction| {
             let view = orthographic(&made, direction, 30.0, [31, 31]);
-            renderer.converge(&view, &look, None, None, |_| {}).unwrap().picture
+            renderer.converge(&view, &look, None, None).unwrap().picture
         });
         for (picture, direction) in pictures.iter().zip(SIX_SIDES).skip(1) {
             let found = compared(&pictures[0], picture);
@@ -181,13 +181,13 @@ fn a_picture_does_not_depend_on_the_order_of_slots() {
     let last = perspective(&made, [0.5, -0.4, -1.0], 150.0, [96, 80]);
     for look in [opaque, transparent] {
         let Some(mut fresh) = on_device(&made, Sampling::Manual) else { return };
-        let fresh = fresh.converge(&last, &look, None, None, |_| {}).unwrap().picture;
+        let fresh = fresh.converge(&last, &look, None, None).unwrap().picture;
         for first in SIX_SIDES {
             // Each comes from elsewhere, so that bricks lie in other slots.
             let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
             let view = perspective(&made, first, 90.0, [96, 80]);
-            renderer.converge(&view, &look, None, None, |_| {}).unwrap();
-            let came = renderer.converge(&last, &look, None, None, |_| {}).unwrap().picture;
+            renderer.converge(&view, &look, None, None).unwrap();
+            let came = renderer.converge(&last, &look, None, None).unwrap().picture;
             let found = compared(&fresh, &came);
             assert!(found.max_abs_diff < 1e-5, "{first:?}: {found:?}");
         }
@@ -201,9 +201,9 @@ fn rays_end_where_a_depth_image_says() {
     let [_, (_, look)] = looks();
     let view = perspective(&made, [0.0, 0.0, -1.0], 150.0, [40, 32]);
     let ends: Vec<f32> = (0..40 * 32).map(|i| if i % 2 == 0 { 150.0 } else { 10.0 }).collect();
-    let device = renderer.converge(&view, &look, Some(&ends), None, |_| {}).unwrap().picture;
+    let device = renderer.converge(&view, &look, Some(&ends), None).unwrap().picture;
     let mut mirror = made.renderer(&RendererOptions::default());
-    let mirror = mirror.converge(&view, &look, Some(&ends), None, |_| {}).unwrap().picture;
+    let mirror = mirror.converge(&view, &look, Some(&ends), None).unwrap().picture;
     assert_alike("ends", &device, &mirror, false);
     let whole = made.mirrored(&view, &look).picture;
     for i in 0..ends.len() {

@@ -41,18 +41,18 @@ fn a_picture_does_not_depend_on_where_the_camera_came_from() {
     for direction in [[-1.0, 0.3, 0.2], [0.1, 0.9, 0.4], [0.3, -0.2, 1.0]] {
         for distance in [60.0, 300.0] {
             let view = perspective(&made, direction, distance, [64, 48]);
-            renderer.converge(&view, look, None, None, |_| {}).unwrap();
+            renderer.converge(&view, look, None, None).unwrap();
         }
     }
-    let came = renderer.converge(&last, look, None, None, |_| {}).unwrap();
+    let came = renderer.converge(&last, look, None, None).unwrap();
     let found = compared(&fresh, &came.picture);
     assert!(came.limited || found.max_abs_diff < 1e-5, "{found:?}");
     let mut plenty = made.renderer(&RendererOptions::default());
     for direction in [[-1.0, 0.3, 0.2], [0.1, 0.9, 0.4]] {
         let view = perspective(&made, direction, 60.0, [64, 48]);
-        plenty.converge(&view, look, None, None, |_| {}).unwrap();
+        plenty.converge(&view, look, None, None).unwrap();
     }
-    let came = plenty.converge(&last, look, None, None, |_| {}).unwrap().picture;
+    let came = plenty.converge(&last, look, None, None).unwrap().picture;
     assert!(compared(&fresh, &came).max_abs_diff < 1e-5);
 }
 

@@ -52,7 +52,7 @@ fn visibility_changes_what_is_loaded_and_not_the_picture() {
         for visibility in [true, false] {
             let mut renderer =
                 made.renderer(&RendererOptions { visibility, ..RendererOptions::default() });
-            pictures.push(renderer.converge(&view, &look, None, None, |_| {}).unwrap().picture);
+            pictures.push(renderer.converge(&view, &look, None, None).unwrap().picture);
             loaded.push(renderer.effort().bricks_loaded);
         }
         let found = compared(&pictures[0], &pictures[1]);

@@ -93,7 +93,7 @@ fn picture(x: f64, look: &Look, oblique: bool) -> render_check::picture::Picture
         fov_y_deg: 50.0,
     };
     let view = View::new(Camera::new(camera).unwrap(), [60, 40]).unwrap();
-    renderer.converge(&view, look, None, None, |_| {}).unwrap().picture
+    renderer.converge(&view, look, None, None).unwrap().picture
 }
 
 #[test]

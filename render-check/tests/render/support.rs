@@ -161,7 +161,7 @@ impl Made {
     /// The mirror's picture, all that was asked for loaded.
     pub(crate) fn mirrored(&self, view: &View, look: &Look) -> Rendered {
         let mut renderer = self.renderer(&RendererOptions::default());
-        renderer.converge(view, look, None, None, |_| {}).unwrap()
+        renderer.converge(view, look, None, None).unwrap()
     }
 }
 

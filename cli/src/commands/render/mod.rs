@@ -242,7 +242,7 @@ impl Render {
         let ends = self.depth_in.as_ref().map(|path| read_depths(path, self.size)).transpose()?;
         for (number, camera) in cameras.iter().enumerate() {
             let view = View::new(camera.clone(), self.size)?;
-            let rendered = renderer.converge(&view, &look, ends.as_deref(), at_most, |_| {})?;
+            let rendered = renderer.converge(&view, &look, ends.as_deref(), at_most)?;
             let store = (self.store.as_path(), metadata.digest.as_str());
             let text = view_text(store, &view, &look, self.background)?;
             let shown = rendered.picture.over(self.background);

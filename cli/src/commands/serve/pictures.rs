@@ -62,7 +62,7 @@ impl Pictures {
             ..Look::new(transfer, own.range)
         };
         let at_most = Some(request.at_most);
-        let rendered = own.renderer.converge(&request.view, &look, None, at_most, |_| {})?;
+        let rendered = own.renderer.converge(&request.view, &look, None, at_most)?;
         let mut bytes = Vec::new();
         write_png(&mut bytes, &rendered.picture.over([0.0; 3]), Bits::Eight, "{}")?;
         if kept.len() == KEPT {

@@ -99,7 +99,7 @@ pub(super) fn measure(
                 return Err(PreprocessError::Cancelled.into());
             }
             let look = Look { accuracy, step_voxels, ..look.clone() };
-            renderer.converge(&view, &look, None, None, |_| {})?;
+            renderer.converge(&view, &look, None, None)?;
             // Once more: the last frame that loads also uploads.
             let rendered = renderer.frame(&view, &look, None)?;
             let effort = *renderer.effort();
