@@ -12,7 +12,9 @@
 mod admit;
 mod answer;
 mod app;
+mod blosc;
 mod catalog;
+mod code_map;
 mod connections;
 mod dataset;
 mod decoders;
@@ -22,6 +24,7 @@ mod observe;
 mod options;
 mod problem;
 mod product;
+mod records;
 mod render;
 mod routes;
 mod server;

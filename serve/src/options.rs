@@ -106,19 +106,14 @@ pub enum Compressor {
     /// Not at all: what costs least on a loopback or a fast network.
     #[default]
     None,
-    /// Zstandard, level 1.
+    /// Zstandard, level 1: higher ones search for matches that noise does not have.
     Zstd,
+    /// Blosc with LZ4, bytes of samples shuffled.
+    BloscLz4,
 }
 
-impl Compressor {
-    /// The name used on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Zstd => "zstd",
-        }
-    }
-}
+/// The level of [`Compressor::Zstd`].
+pub(crate) const ZSTD_LEVEL: i32 = 1;
 
 /// A secret that clients show, as `Authorization: Bearer TOKEN` or as the cookie `octavo_token`.
 #[derive(Clone)]

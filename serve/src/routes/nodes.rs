@@ -2,8 +2,8 @@
 
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
-use crate::dataset::Dataset;
 use crate::problem::Problem;
+use crate::records::records;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
@@ -54,7 +54,11 @@ pub(super) async fn nodes(
     let count = wanted.count.unwrap_or(COUNT_LIMIT).min(all.saturating_sub(wanted.first));
     let dataset = Arc::clone(&named.dataset);
     let (level, first) = (wanted.level, wanted.first);
-    let records = app.decoders.run(move |_| read(&dataset, level, first, count)).await?;
+    let read = move |_: &mut _| -> Vec<_> {
+        let keys = keys_from(dataset.store.geometry(), level, first).take(count as usize);
+        records(&dataset.store, keys).collect()
+    };
+    let records = app.decoders.run(read).await?;
     for (_, record) in &records {
         if let Err(error) = record {
             app.report(&named.dataset, error);
@@ -75,27 +79,6 @@ pub(super) async fn nodes(
         }
     };
     Ok(answer.with("x-octavo-nodes", &all.to_string()).lasting(named.lifetime()).to(&conditions))
-}
-
-type Read = (NodeKey, Result<NodeRecord, StoreError>);
-
-fn read(dataset: &Dataset, level: u8, first: u64, count: u64) -> Vec<Read> {
-    let keys = keys_from(dataset.store.geometry(), level, first).take(count as usize);
-    let mut family = None;
-    keys.map(|key| {
-        // Siblings stand side by side: one read gives all of them, unless one is damaged.
-        let parent = key.parent();
-        if dataset.store.geometry().root() == key {
-            return (key, dataset.store.node(key));
-        }
-        if family.as_ref().is_none_or(|(of, _)| *of != parent) {
-            family = Some((parent, dataset.store.children(parent).ok()));
-        }
-        let known =
-            family.as_ref().and_then(|(_, children)| children.as_ref()?.get(key.octant()).copied());
-        (key, known.map_or_else(|| dataset.store.node(key), Ok))
-    })
-    .collect()
 }
 
 /// The keys of a level in key order, without the first `skip`: whole subtrees are passed over at once.
