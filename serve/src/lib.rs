@@ -19,6 +19,7 @@ mod connections;
 mod dataset;
 mod decoders;
 mod frames;
+mod handles;
 mod metrics;
 mod observe;
 mod options;

@@ -73,6 +73,8 @@ pub struct Limits {
     pub connections: usize,
     /// Bricks that are decoded at once.
     pub decodes: usize,
+    /// Stores whose files are open at once; each keeps up to 8 MiB of records.
+    pub open_stores: usize,
     /// Requests that may wait to decode.
     pub waiting: usize,
     /// Streams of frames at once.
@@ -93,6 +95,7 @@ impl Default for Limits {
             stream_time: Duration::from_mins(10),
             connections: 2048,
             decodes: std::thread::available_parallelism().map_or(2, usize::from),
+            open_stores: 32,
             waiting: 512,
             streams: 64,
             drain_time: Duration::from_secs(10),

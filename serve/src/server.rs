@@ -65,7 +65,7 @@ impl Server {
     /// ([`neuroglancer_link`](crate::neuroglancer_link)); an error's text for one that cannot be opened.
     pub fn datasets(&self) -> Vec<(String, Result<[f64; 2], String>)> {
         let state = |entry| match entry {
-            Entry::Open(dataset) => Ok(precomputed::range(dataset.metadata())),
+            Entry::Open(dataset) => Ok(precomputed::range(&dataset.metadata)),
             Entry::Broken(problem) => Err(problem.detail().to_owned()),
         };
         self.app.catalog.list().into_iter().map(|(name, entry)| (name, state(entry))).collect()

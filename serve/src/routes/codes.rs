@@ -11,6 +11,7 @@ use crate::product::{Shape, codes_type};
 use crate::views::codes::{self as view, Part};
 use axum::extract::{Path, State};
 use axum::response::Response;
+use octree_store::Store;
 use serde_json::json;
 use std::sync::Arc;
 
@@ -31,7 +32,7 @@ pub(super) async fn zarr3(
 }
 
 async fn codes(
-    app: &App,
+    app: &Arc<App>,
     zarr_format: u8,
     name: &str,
     path: &str,
@@ -39,7 +40,7 @@ async fn codes(
 ) -> Result<Response, Problem> {
     let named = find(app, name)?;
     let dataset = &named.dataset;
-    let (geometry, metadata) = (dataset.store.geometry(), dataset.metadata());
+    let (geometry, metadata) = (&dataset.geometry, &dataset.metadata);
     let part = view::part(zarr_format, path, geometry).ok_or_else(nothing)?;
     let sample_type = codes_type(metadata).ok_or_else(|| {
         Problem::absent("bricks hold samples of more than 16 bits as they are, and no codes")
@@ -61,13 +62,13 @@ async fn codes(
 
 /// A chunk of a level's map.
 async fn map_answer(
-    app: &App,
+    app: &Arc<App>,
     named: &Named,
     block: view::Block,
     conditions: &Conditions,
 ) -> Result<Response, Problem> {
-    let dataset = Arc::clone(&named.dataset);
-    let (bytes, errors) = app.decoders.run(move |_| block_bytes(&dataset.store, block)).await?;
+    let read = move |store: &Store| block_bytes(store, block);
+    let (bytes, errors) = app.read(&named.dataset, read).await?;
     for error in &errors {
         app.report(&named.dataset, error);
     }

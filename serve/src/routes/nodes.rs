@@ -7,7 +7,7 @@ use crate::records::records;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
-use octree_store::{Geometry, NodeKey, NodeRecord, StoreError};
+use octree_store::{Geometry, NodeKey, NodeRecord, Store, StoreError};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(super) async fn nodes(
 ) -> Result<Response, Problem> {
     let Query(wanted) = wanted?;
     let named = app.catalog.find(&name)?;
-    let geometry = named.dataset.store.geometry();
+    let geometry = named.dataset.geometry;
     if !geometry.levels().contains(&wanted.level) {
         return Err(Problem::absent(format!("the dataset has no level {}", wanted.level)));
     }
@@ -52,13 +52,12 @@ pub(super) async fn nodes(
         return Err(Problem::too_large(format!("at most {COUNT_LIMIT} records in one answer")));
     }
     let count = wanted.count.unwrap_or(COUNT_LIMIT).min(all.saturating_sub(wanted.first));
-    let dataset = Arc::clone(&named.dataset);
     let (level, first) = (wanted.level, wanted.first);
-    let read = move |_: &mut _| -> Vec<_> {
-        let keys = keys_from(dataset.store.geometry(), level, first).take(count as usize);
-        records(&dataset.store, keys).collect()
+    let read = move |store: &Store| -> Vec<_> {
+        let keys = keys_from(&geometry, level, first).take(count as usize);
+        records(store, keys).collect()
     };
-    let records = app.decoders.run(read).await?;
+    let records = app.read(&named.dataset, read).await?;
     for (_, record) in &records {
         if let Err(error) = record {
             app.report(&named.dataset, error);

@@ -58,14 +58,14 @@ pub(super) fn nothing() -> Problem {
 }
 
 async fn zarr(
-    app: &App,
+    app: &Arc<App>,
     flavour: Flavour,
     name: &str,
     path: &str,
     conditions: &Conditions,
 ) -> Result<Response, Problem> {
     let named = find(app, name)?;
-    let geometry = named.dataset.store.geometry();
+    let geometry = &named.dataset.geometry;
     let part = flavour.part(path, geometry).ok_or_else(nothing)?;
     let compressor = app.options.compressor;
     let document = match part {
@@ -75,13 +75,12 @@ async fn zarr(
         }
         Part::Group => json!({"zarr_format": 2}),
         Part::Array(level) => {
-            let sample_type = named.dataset.metadata().sample_type;
+            let sample_type = named.dataset.metadata.sample_type;
             flavour.array(level, geometry, sample_type, compressor)
         }
         Part::Pyramid => {
-            app.with_statistics(&named, move |dataset| {
-                let window = dataset.statistics().window;
-                flavour.pyramid(&dataset.name, dataset.metadata(), window)
+            app.with_statistics(&named, move |dataset, statistics| {
+                flavour.pyramid(&dataset.name, &dataset.metadata, statistics.window)
             })
             .await?
         }
