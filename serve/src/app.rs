@@ -8,7 +8,8 @@ use crate::options::Options;
 use crate::problem::Problem;
 use crate::product::{self, Product, Shape};
 use crate::render::Renderer;
-use octree_store::NodeKey;
+use crate::statistics::Statistics;
+use octree_store::{NodeKey, Store};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use std::sync::Arc;
@@ -51,7 +52,7 @@ impl App {
         let limits = options.limits;
         let items = (options.cache_bytes / (32 << 10)).max(16) as usize;
         Self {
-            catalog: Catalog::new(options.stores.clone()),
+            catalog: Catalog::new(options.stores.clone(), limits.open_stores),
             decoders: Decoders::new(limits.decodes, limits.waiting, limits.streams),
             metrics: Metrics::default(),
             renderer,
@@ -74,7 +75,7 @@ impl App {
 
     /// A brick in a shape: kept, or made on the pool unless too many wait for it.
     pub(crate) async fn product(
-        &self,
+        self: &Arc<Self>,
         dataset: &Arc<Dataset>,
         key: NodeKey,
         shape: Shape,
@@ -84,7 +85,7 @@ impl App {
 
     /// The same for a stream, which waits its turn.
     pub(crate) async fn product_in_turn(
-        &self,
+        self: &Arc<Self>,
         dataset: &Arc<Dataset>,
         key: NodeKey,
         shape: Shape,
@@ -93,7 +94,7 @@ impl App {
     }
 
     async fn lookup(
-        &self,
+        self: &Arc<Self>,
         dataset: &Arc<Dataset>,
         key: NodeKey,
         shape: Shape,
@@ -107,12 +108,14 @@ impl App {
         match self.products.get_value_or_guard_async(&(dataset.id, shape, key)).await {
             Ok(product) => Ok(product),
             Err(guard) => {
-                let store = Arc::clone(dataset);
-                let work = move |scratch: &mut _| product::make(&store.store, key, shape, scratch);
+                let opened = self.opened(dataset);
+                let work = move |scratch: &mut _| {
+                    opened().map(|store| product::make(&store, key, shape, scratch))
+                };
                 let made = if in_turn {
-                    self.decoders.run_in_turn(work).await?
+                    self.decoders.run_in_turn(work).await??
                 } else {
-                    self.decoders.run(work).await?
+                    self.decoders.run(work).await??
                 };
                 let product = made.map_err(|error| self.report(dataset, &error))?;
                 // A cache that was made smaller than one product keeps nothing.
@@ -120,6 +123,25 @@ impl App {
                 Ok(product)
             }
         }
+    }
+
+    /// What opens a dataset's store, where a thread may wait for files.
+    pub(crate) fn opened(
+        self: &Arc<Self>,
+        dataset: &Arc<Dataset>,
+    ) -> impl FnOnce() -> Result<Arc<Store>, Problem> + Send + 'static {
+        let (app, dataset) = (Arc::clone(self), Arc::clone(dataset));
+        move || app.catalog.handles.of(&dataset)
+    }
+
+    /// Reads a dataset's store on the pool, or refuses when too many wait for it.
+    pub(crate) async fn read<T: Send + 'static>(
+        self: &Arc<Self>,
+        dataset: &Arc<Dataset>,
+        work: impl FnOnce(&Store) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
+        let opened = self.opened(dataset);
+        self.decoders.run(move |_| opened().map(|store| work(&store))).await?
     }
 
     /// What a store's error is to a client; damage is counted and logged.
@@ -134,17 +156,12 @@ impl App {
 
     /// Statistics of a dataset's values, made when they are first asked for.
     pub(crate) async fn with_statistics<T: Send + 'static>(
-        &self,
+        self: &Arc<Self>,
         named: &Named,
-        work: impl FnOnce(&Dataset) -> T + Send + 'static,
+        work: impl FnOnce(&Dataset, &Statistics) -> T + Send + 'static,
     ) -> Result<T, Problem> {
         let dataset = Arc::clone(&named.dataset);
-        self.decoders
-            .run(move |_| {
-                dataset.statistics();
-                work(&dataset)
-            })
-            .await
+        self.read(&named.dataset, move |store| work(&dataset, dataset.statistics(store))).await
     }
 
     /// Bytes in the cache, hits and misses.
@@ -155,7 +172,7 @@ impl App {
 
 /// Whether the dataset has a node of this key.
 pub(crate) fn contains(dataset: &Dataset, key: NodeKey) -> bool {
-    let geometry = dataset.store.geometry();
+    let geometry = dataset.geometry;
     key.level() <= geometry.top_level() && geometry.contains(key)
 }
 

@@ -4,16 +4,13 @@
 //! forgotten; requests under way keep the one that they began with. What cannot be opened harms only itself.
 
 use crate::dataset::{Dataset, Named, PIN_DIGITS};
+use crate::handles::Handles;
 use crate::problem::Problem;
-use octree_store::{OpenOptions, StoreError};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-
-/// Bytes of records that each open store may keep.
-const RECORD_CACHE_BYTES: usize = 16 << 20;
 
 /// Tells a file from the one that was there before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,16 +42,18 @@ pub(crate) struct Catalog {
     entries: RwLock<Arc<BTreeMap<String, Listed>>>,
     scanning: Mutex<()>,
     next_id: AtomicU64,
+    pub(crate) handles: Handles,
 }
 
 impl Catalog {
-    /// Stores and folders, looked at for the first time.
-    pub(crate) fn new(roots: Vec<PathBuf>) -> Self {
+    /// Stores and folders, looked at for the first time; so many stores are open at once.
+    pub(crate) fn new(roots: Vec<PathBuf>, open_stores: usize) -> Self {
         let catalog = Self {
             roots,
             entries: RwLock::default(),
             scanning: Mutex::default(),
             next_id: AtomicU64::new(0),
+            handles: Handles::new(open_stores),
         };
         catalog.rescan();
         catalog
@@ -95,7 +94,15 @@ impl Catalog {
             };
             found.insert(name.to_owned(), Listed { path, fingerprint, entry });
         }
+        let served: HashSet<u64> = found
+            .values()
+            .filter_map(|listed| match &listed.entry {
+                Entry::Open(dataset) => Some(dataset.id),
+                Entry::Broken(_) => None,
+            })
+            .collect();
         *self.entries.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(found);
+        self.handles.retain(|id| served.contains(&id));
     }
 
     /// The stores' files: those that were named, and those that lie in folders that were.
@@ -120,15 +127,17 @@ impl Catalog {
     }
 
     fn open(&self, name: &str, path: &Path, bytes: u64) -> Entry {
-        match (OpenOptions { cache_bytes: RECORD_CACHE_BYTES }).open(path) {
+        match Handles::open(path) {
             Ok(store) => {
                 tracing::info!(dataset = name, "opened");
                 let id = self.next_id.fetch_add(1, Ordering::Relaxed);
-                Entry::Open(Arc::new(Dataset::new(id, name.to_owned(), store, bytes)))
+                let dataset = Dataset::new(id, name.to_owned(), &store, bytes);
+                self.handles.keep(id, store);
+                Entry::Open(Arc::new(dataset))
             }
             Err(error) => {
                 tracing::warn!(dataset = name, %error, "cannot be opened");
-                Entry::Broken(problem(&error))
+                Entry::Broken(Problem::of_store(&error))
             }
         }
     }
@@ -160,8 +169,4 @@ impl Catalog {
         }
         Err(Problem::absent("no dataset has this name"))
     }
-}
-
-fn problem(error: &StoreError) -> Problem {
-    Problem::of_store(error)
 }

@@ -1,47 +1,54 @@
-//! One store that is served.
+//! One store that is served, as far as it is known without its file.
 
 use crate::answer::Lifetime;
 use crate::product::Shape;
 use crate::statistics::Statistics;
-use octree_store::{Metadata, NodeKey, Store};
+use octree_store::{Geometry, Metadata, NodeKey, Store};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
-/// An open store and what is known of it.
+/// What is known of a store.
 #[derive(Debug)]
 pub(crate) struct Dataset {
     /// Tells a store from the one that it replaced.
     pub(crate) id: u64,
     pub(crate) name: String,
-    pub(crate) store: Store,
+    pub(crate) path: PathBuf,
+    pub(crate) metadata: Metadata,
+    pub(crate) geometry: Geometry,
     pub(crate) file_bytes: u64,
     statistics: OnceLock<Statistics>,
 }
 
 impl Dataset {
-    pub(crate) fn new(id: u64, name: String, store: Store, file_bytes: u64) -> Self {
-        Self { id, name, store, file_bytes, statistics: OnceLock::new() }
-    }
-
-    pub(crate) fn metadata(&self) -> &Metadata {
-        self.store.metadata()
+    pub(crate) fn new(id: u64, name: String, store: &Store, file_bytes: u64) -> Self {
+        Self {
+            id,
+            name,
+            path: store.path().to_owned(),
+            metadata: store.metadata().clone(),
+            geometry: *store.geometry(),
+            file_bytes,
+            statistics: OnceLock::new(),
+        }
     }
 
     /// The first digits of the digest: enough to name the content in an address.
     pub(crate) fn version(&self) -> &str {
-        let digest = &self.metadata().digest;
+        let digest = &self.metadata.digest;
         digest.get(..PIN_DIGITS).unwrap_or(digest)
     }
 
     /// The tag of a brick in a shape: the digest covers every payload's checksum.
     pub(crate) fn etag(&self, key: NodeKey, shape: Shape) -> String {
-        let digest = &self.metadata().digest;
+        let digest = &self.metadata.digest;
         let digest = digest.get(..32).unwrap_or(digest);
         format!("{digest}-{}-{:x}", shape.tag(), key.to_u64())
     }
 
-    /// What its values look like. Reads bricks when it is first asked: for the decoding pool.
-    pub(crate) fn statistics(&self) -> &Statistics {
-        self.statistics.get_or_init(|| Statistics::of(&self.store))
+    /// What its values look like. Reads bricks of its store when it is first asked: for the decoding pool.
+    pub(crate) fn statistics(&self, store: &Store) -> &Statistics {
+        self.statistics.get_or_init(|| Statistics::of(store))
     }
 }
 

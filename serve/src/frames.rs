@@ -63,7 +63,7 @@ fn frame_of(dataset: &Dataset, key: NodeKey, shape: Shape, product: &Product) ->
     };
     let numbers = match (record.state, product.map) {
         (BrickState::Uniform, _) => [record.brick_min; 2],
-        (BrickState::Empty, _) => [dataset.metadata().empty_value; 2],
+        (BrickState::Empty, _) => [dataset.metadata.empty_value; 2],
         (BrickState::Stored, Some(map)) => [map.offset, map.scale],
         (BrickState::Stored, None) => [record.brick_min, record.brick_max],
     };

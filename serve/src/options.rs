@@ -73,6 +73,8 @@ pub struct Limits {
     pub connections: usize,
     /// Bricks that are decoded at once.
     pub decodes: usize,
+    /// Stores whose files are open at once; each keeps up to 8 MiB of records.
+    pub open_stores: usize,
     /// Requests that may wait to decode.
     pub waiting: usize,
     /// Streams of frames at once.
@@ -93,6 +95,7 @@ impl Default for Limits {
             stream_time: Duration::from_mins(10),
             connections: 2048,
             decodes: std::thread::available_parallelism().map_or(2, usize::from),
+            open_stores: 32,
             waiting: 512,
             streams: 64,
             drain_time: Duration::from_secs(10),
@@ -106,19 +109,14 @@ pub enum Compressor {
     /// Not at all: what costs least on a loopback or a fast network.
     #[default]
     None,
-    /// Zstandard, level 1.
+    /// Zstandard, level 1: higher ones search for matches that noise does not have.
     Zstd,
+    /// Blosc with LZ4, bytes of samples shuffled.
+    BloscLz4,
 }
 
-impl Compressor {
-    /// The name used on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Zstd => "zstd",
-        }
-    }
-}
+/// The level of [`Compressor::Zstd`].
+pub(crate) const ZSTD_LEVEL: i32 = 1;
 
 /// A secret that clients show, as `Authorization: Bearer TOKEN` or as the cookie `octavo_token`.
 #[derive(Clone)]

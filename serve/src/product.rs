@@ -1,10 +1,11 @@
 //! What is made of one brick: its bytes in each shape that a client can ask for.
 
-use crate::options::Compressor;
+use crate::blosc;
+use crate::options::{Compressor, ZSTD_LEVEL};
 use bytes::Bytes;
 use octree_store::{
-    BrickScratch, NodeKey, NodeRecord, Sample, SampleType, Store, StoreError, ValueMap,
-    with_sample_type,
+    BrickScratch, Geometry, Metadata, NodeKey, NodeRecord, Sample, SampleType, Store, StoreError,
+    Upload, ValueMap, with_sample_type,
 };
 
 /// The shapes of a brick.
@@ -18,6 +19,8 @@ pub(crate) enum Shape {
     Codes,
     /// Its core as a chunk of a zarr array: full size, zeros outside the volume.
     Zarr(Compressor),
+    /// The core's codes as a chunk of a zarr array, as [`codes_type`] has them: full size, zeros outside.
+    ZarrCodes(Compressor),
     /// Its core as a chunk of precomputed: clipped at the volume's edges, unsigned.
     Precomputed,
 }
@@ -31,6 +34,10 @@ impl Shape {
             Self::Codes => "codes",
             Self::Zarr(Compressor::None) => "zarr",
             Self::Zarr(Compressor::Zstd) => "zarr-zstd",
+            Self::Zarr(Compressor::BloscLz4) => "zarr-blosc",
+            Self::ZarrCodes(Compressor::None) => "codes-zarr",
+            Self::ZarrCodes(Compressor::Zstd) => "codes-zarr-zstd",
+            Self::ZarrCodes(Compressor::BloscLz4) => "codes-zarr-blosc",
             Self::Precomputed => "precomputed",
         }
     }
@@ -66,15 +73,15 @@ pub(crate) fn make(
             store.decode_brick(&record, scratch, &mut samples)?;
             octree_store::to_le_bytes(&samples)
         }),
-        Shape::Zarr(compressor) => {
-            let plain = with_sample_type!(store.metadata().sample_type, T => {
-                zarr_chunk::<T>(store, &record, scratch)?
-            });
-            match compressor {
-                Compressor::None => plain,
-                Compressor::Zstd => zstd::bulk::compress(&plain, 1)
-                    .map_err(|source| StoreError::Io { path: store.path().to_owned(), source })?,
-            }
+        Shape::Zarr(compressor) => with_sample_type!(store.metadata().sample_type, T => {
+            let chunk = zarr_chunk::<T>(store, &record, scratch)?;
+            compress(store, chunk, size_of::<T>(), compressor)?
+        }),
+        Shape::ZarrCodes(compressor) => {
+            let upload = store.read_upload_core(&record, scratch)?;
+            map = Some(upload.map);
+            let (chunk, code_bytes) = codes_chunk(store, key, &upload)?;
+            compress(store, chunk, code_bytes, compressor)?
         }
         Shape::Precomputed => with_sample_type!(store.metadata().sample_type, T => {
             precomputed_chunk::<T>(store, &record, scratch)?
@@ -83,25 +90,59 @@ pub(crate) fn make(
     Ok(Product { bytes: bytes.into(), record, map })
 }
 
+/// The type of a store's codes, if all have one that holds them: bytes, or 16-bit words where some need more
+/// than eight bits. None where bricks hold samples of more than 16 bits as they are.
+pub(crate) fn codes_type(metadata: &Metadata) -> Option<SampleType> {
+    let bits = metadata.levels.iter().flat_map(|level| level.bits.keys()).max();
+    match bits.copied().unwrap_or(0) {
+        0..=8 => Some(SampleType::U8),
+        9..=16 => Some(SampleType::U16),
+        _ => None,
+    }
+}
+
+fn compress(
+    store: &Store,
+    plain: Vec<u8>,
+    sample_bytes: usize,
+    compressor: Compressor,
+) -> Result<Vec<u8>, StoreError> {
+    match compressor {
+        Compressor::None => Ok(plain),
+        Compressor::Zstd => zstd::bulk::compress(&plain, ZSTD_LEVEL)
+            .map_err(|source| StoreError::Io { path: store.path().to_owned(), source }),
+        Compressor::BloscLz4 => Ok(blosc::compress(&plain, sample_bytes)),
+    }
+}
+
 /// Calls `row` with each row of a brick's in-volume core and its place (y, z) in the core.
 fn rows<T: Sample>(
     store: &Store,
     record: &NodeRecord,
     scratch: &mut BrickScratch,
-    mut row: impl FnMut([usize; 2], &[T]),
+    row: impl FnMut([usize; 2], &[T]),
 ) -> Result<(), StoreError> {
-    let geometry = store.geometry();
-    let mut samples = vec![T::default(); geometry.brick_samples()];
+    let mut samples = vec![T::default(); store.geometry().brick_samples()];
     store.decode_brick_core(record, scratch, &mut samples)?;
+    core_rows(store.geometry(), record.key, &samples, row);
+    Ok(())
+}
+
+/// The same of what there is one of for each sample of a brick.
+fn core_rows<T>(
+    geometry: &Geometry,
+    key: NodeKey,
+    samples: &[T],
+    mut row: impl FnMut([usize; 2], &[T]),
+) {
     let (side, overlap) = (geometry.brick_side(), geometry.overlap() as usize);
-    let [nx, ny, nz] = geometry.core_region(record.key).dims_xyz().map(|n| n as usize);
+    let [nx, ny, nz] = geometry.core_region(key).dims_xyz().map(|n| n as usize);
     for z in 0..nz {
         for y in 0..ny {
             let from = ((z + overlap) * side + y + overlap) * side + overlap;
             row([y, z], &samples[from..from + nx]);
         }
     }
-    Ok(())
 }
 
 fn zarr_chunk<T: Sample>(
@@ -115,6 +156,29 @@ fn zarr_chunk<T: Sample>(
         chunk[(z * core + y) * core..][..row.len()].copy_from_slice(row);
     })?;
     Ok(octree_store::to_le_bytes(&chunk))
+}
+
+/// A chunk of codes and the bytes of each.
+fn codes_chunk(
+    store: &Store,
+    key: NodeKey,
+    upload: &Upload,
+) -> Result<(Vec<u8>, usize), StoreError> {
+    let (core, from) = (store.geometry().core() as usize, upload.map.format.bytes());
+    let to = codes_type(store.metadata()).map_or(0, SampleType::bytes);
+    if from > to {
+        let what = format!("{key} has codes of {from} bytes, and the levels have none so wide");
+        return Err(StoreError::MetadataDamaged { path: store.path().to_owned(), what });
+    }
+    let codes: Vec<&[u8]> = upload.bytes.chunks_exact(from).collect();
+    let mut chunk = vec![0; to * core.pow(3)];
+    core_rows(store.geometry(), key, &codes, |[y, z], row| {
+        let at = (z * core + y) * core;
+        for (code, wide) in row.iter().zip(chunk[to * at..].chunks_exact_mut(to)) {
+            wide[..from].copy_from_slice(code);
+        }
+    });
+    Ok((chunk, to))
 }
 
 fn precomputed_chunk<T: Sample>(

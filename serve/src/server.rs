@@ -1,8 +1,10 @@
 //! The server from beginning to end.
 
 use crate::app::App;
+use crate::catalog::Entry;
 use crate::options::{Options, OptionsError};
 use crate::render::Renderer;
+use crate::views::precomputed;
 use crate::{connections, routes};
 use std::future::Future;
 use std::io;
@@ -59,11 +61,12 @@ impl Server {
         self.address
     }
 
-    /// The datasets' names; an error's text for one that cannot be opened.
-    pub fn datasets(&self) -> Vec<(String, Result<(), String>)> {
+    /// The datasets' names, each with the range of its samples as precomputed has them
+    /// ([`neuroglancer_link`](crate::neuroglancer_link)); an error's text for one that cannot be opened.
+    pub fn datasets(&self) -> Vec<(String, Result<[f64; 2], String>)> {
         let state = |entry| match entry {
-            crate::catalog::Entry::Open(_) => Ok(()),
-            crate::catalog::Entry::Broken(problem) => Err(problem.detail().to_owned()),
+            Entry::Open(dataset) => Ok(precomputed::range(&dataset.metadata)),
+            Entry::Broken(problem) => Err(problem.detail().to_owned()),
         };
         self.app.catalog.list().into_iter().map(|(name, entry)| (name, state(entry))).collect()
     }

@@ -5,12 +5,14 @@ use crate::support::{Bench, octavo, sample};
 use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 
 /// A server that ends when it is dropped.
 struct Serving {
     child: Child,
     base: String,
+    /// What it prints after its address: a line for each dataset.
+    said: BufReader<ChildStdout>,
 }
 
 impl Serving {
@@ -19,11 +21,12 @@ impl Serving {
         command.args(["serve", "--bind", "127.0.0.1:0"]).args(arguments.split(' '));
         command.current_dir(bench.folder()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
+        let mut said = BufReader::new(child.stdout.take().unwrap());
         let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        said.read_line(&mut line).unwrap();
         let base = line.trim().trim_end_matches('/').to_owned();
         assert!(base.starts_with("http://127.0.0.1:"), "{line}");
-        Self { child, base }
+        Self { child, base, said }
     }
 
     fn interrupt(&self) {
@@ -151,6 +154,30 @@ fn every_level_is_the_source_s_pyramid_through_every_client() {
     clients(&example.display().to_string(), &[&server.base, "tooth"]);
 }
 
+#[test]
+fn codes_and_packed_chunks_are_read_by_clients_that_others_wrote() {
+    let bench = Bench::new();
+    bench.scan("scan.raw");
+    let convert =
+        |rest: &str| bench.ok(&format!("convert scan.raw --dims 40,33,20 --dtype u16 {rest}"));
+    // Noise, which no compressor gains on, and what one does gain on.
+    let noise: Vec<u8> =
+        (0..2 * 40 * 33 * 33_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 21) as u8).collect();
+    bench.write("noise.raw", &noise);
+    bench.ok("convert noise.raw --dims 40,33,33 --dtype i16 --encoding lossless");
+    convert("-o whole.octavo --encoding lossless");
+    convert("-o eight.octavo");
+    convert("-o bounded.octavo --encoding max-error=40");
+    convert("-o lattice.octavo --encoding max-error=3 --overlap-at-rest assembled");
+    let noise = bench.path("noise.raw").display().to_string();
+    let packed = Serving::new(&bench, ". --compressor zstd");
+    clients("codes.py", &[&packed.base, "whole", "lattice"]);
+    let packed = Serving::new(&bench, ". --compressor blosc-lz4");
+    let base = packed.base.as_str();
+    clients("volumes.py", &[base, "noise", &noise, "40,33,33", "int16", "1e6,1e6,1e6"]);
+    clients("codes.py", &[base, "whole", "eight", "bounded"]);
+}
+
 /// Neuroglancer, niivue and the page in a browser; `tests/run.sh` installs them.
 #[test]
 fn browsers_show_what_the_source_has() {
@@ -158,7 +185,10 @@ fn browsers_show_what_the_source_has() {
     let tooth = sample("tooth.nii.gz");
     bench.ok(&format!("convert {tooth} -o tooth.octavo --encoding lossless"));
     bench.ok("extract tooth.octavo -o tooth.raw");
-    let server = Serving::new(&bench, "tooth.octavo");
+    let mut server = Serving::new(&bench, "tooth.octavo");
+    let mut line = String::new();
+    server.said.read_line(&mut line).unwrap();
+    let link = line.trim().strip_prefix("tooth: ").unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let browser = std::env::var("OCTAVO_TEST_VIEWERS")
         .map_or_else(|_| root.join("target/browser"), Into::into);
@@ -166,7 +196,7 @@ fn browsers_show_what_the_source_has() {
     let shots = bench.folder().display().to_string();
     for arguments in [
         vec!["page.mjs", &server.base, "tooth", &shots],
-        vec!["viewers.mjs", &server.base, "tooth", &raw, "103,94,161", "dist"],
+        vec!["viewers.mjs", &server.base, "tooth", &raw, "103,94,161", "dist", link],
     ] {
         let output = Command::new("node").args(&arguments).current_dir(&browser).output().unwrap();
         assert!(

@@ -19,24 +19,51 @@ impl Store {
         scratch: &mut BrickScratch,
     ) -> Result<Upload, StoreError> {
         with_sample_type!(self.metadata().sample_type, T => {
-            self.read_upload_typed::<T>(record, scratch)
+            self.read_texels::<T>(record, scratch, Self::decode_brick::<T>)
         })
     }
 
-    fn read_upload_typed<T: Sample>(
+    /// As [`Store::read_upload`], for one who needs no overlap: where it is not in the payload the texels around
+    /// the core mean nothing, and no neighbour is read.
+    ///
+    /// # Errors
+    /// As [`Store::decode_brick_core`], but for the type.
+    pub fn read_upload_core(
         &self,
         record: &NodeRecord,
         scratch: &mut BrickScratch,
     ) -> Result<Upload, StoreError> {
-        let constant = |offset| {
-            let map =
-                ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
-            Upload { bytes: vec![0; self.geometry().brick_samples()], map }
-        };
+        with_sample_type!(self.metadata().sample_type, T => {
+            self.read_texels::<T>(record, scratch, Self::decode_brick_core::<T>)
+        })
+    }
+
+    /// The map of a brick's texels, as [`Store::read_upload`] gives it with them. Nothing is read.
+    ///
+    /// # Errors
+    /// When the record is none of this store's.
+    pub fn value_map(&self, record: &NodeRecord) -> Result<ValueMap, StoreError> {
+        let constant =
+            |offset| ValueMap { format: UploadFormat::R8, scale: 1.0, offset, max_difference: 0.0 };
         match record.state {
             BrickState::Uniform => return Ok(constant(record.brick_min)),
             BrickState::Empty => return Ok(constant(self.metadata().empty_value)),
             BrickState::Stored => {}
+        }
+        with_sample_type!(self.metadata().sample_type, T => self.decoding().value_map::<T>(record))
+            .map_err(|damage| self.damaged(record.key, damage))
+    }
+
+    /// Texels of a brick, whose samples `decode` reads where its payload does not hold them all.
+    fn read_texels<T: Sample>(
+        &self,
+        record: &NodeRecord,
+        scratch: &mut BrickScratch,
+        decode: impl FnOnce(&Self, &NodeRecord, &mut BrickScratch, &mut [T]) -> Result<(), StoreError>,
+    ) -> Result<Upload, StoreError> {
+        if record.state != BrickState::Stored {
+            let bytes = vec![0; self.geometry().brick_samples()];
+            return Ok(Upload { bytes, map: self.value_map(record)? });
         }
         let mut samples = vec![T::default(); self.geometry().brick_samples()];
         let decoding = self.decoding();
@@ -45,7 +72,7 @@ impl Store {
             self.fetch_payload(record, payload)?;
             decoding.upload_payload(record, payload, decode, &mut samples)
         } else {
-            self.decode_brick(record, scratch, &mut samples)?;
+            decode(self, record, scratch, &mut samples)?;
             decoding.upload_samples(record, &mut scratch.decode, &samples)
         };
         upload.map_err(|damage| self.damaged(record.key, damage))

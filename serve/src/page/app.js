@@ -78,10 +78,14 @@ function describe(info) {
   by("errors").replaceChildren(row("th", heads), ...info.levels.map((level) => row("td", cells(level))));
 }
 
-function links(name) {
+function links(name, info, window) {
   const address = encodeURIComponent(name);
   const item = (text, href) => { const li = made("li"); li.append(made("a", text, { href })); return li; };
-  const state = { layers: [{ type: "image", source: `${location.origin}/precomputed/${address}/|neuroglancer-precomputed:`, name }], layout: "4panel" };
+  // Precomputed has no signed samples: they come shifted.
+  const shift = { i8: 128, i16: 32768, i32: 2147483648 }[info.sample_type] ?? 0;
+  const shaderControls = { normalized: { range: window.map((v) => v + shift) } };
+  const source = `${location.origin}/precomputed/${address}/|neuroglancer-precomputed:`;
+  const state = { layers: [{ type: "image", source, name, shaderControls }], layout: "4panel" };
   const own = ["zarr2", "zarr2-5d", "zarr3", "zarr3-5d", "precomputed"].map((root) => {
     const document = { zarr2: ".zattrs", "zarr2-5d": ".zattrs", zarr3: "zarr.json", "zarr3-5d": "zarr.json", precomputed: "info" }[root];
     return item(`${location.origin}/${root}/${address}/`, `/${root}/${address}/${document}`);
@@ -98,7 +102,7 @@ async function detail(name) {
   by("name").focus();
   document.title = `${name} · Octavo`;
   describe(info);
-  links(name);
+  links(name, info, statistics.window);
   const slices = new Slices(by("views"), info, name, statistics.window, say);
   by("level").replaceChildren(...info.levels.map(({ level, dims_xyz }) => made("option", `${level}: ${dims_xyz.join(" × ")}`, { value: level })));
   volume = new Volume(by("volume"), info, name, statistics.window);

@@ -64,7 +64,7 @@ pub(super) async fn brick(
 
 /// A brick in a shape, to one who stated these conditions. Who has it already hears so before anything is read.
 pub(super) async fn brick_answer(
-    app: &App,
+    app: &Arc<App>,
     named: &Named,
     key: NodeKey,
     shape: Shape,

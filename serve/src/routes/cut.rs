@@ -8,6 +8,7 @@ use crate::problem::Problem;
 use axum::body::Body;
 use axum::extract::{Path, State};
 use axum::response::Response;
+use octree_store::Store;
 use octree_store::loader::{
     Appearance, Camera, ClipBox, Cut, LeafKind, Quality, Scene, StoreNodes, TransferFunction, View,
     select_cut,
@@ -94,14 +95,12 @@ pub(super) async fn cut(
     let have: HashSet<_> =
         nodes_of(&app, &named.dataset, &wanted.have)?.into_iter().flatten().collect();
     let quality = Quality { accuracy: wanted.accuracy, ..Quality::default() };
-    let (clip, budget, dataset) = (wanted.clip, wanted.budget_bricks, Arc::clone(&named.dataset));
-    let cut = app
-        .decoders
-        .run(move |_| {
-            let scene = Scene { views: &views, clip, appearance: &appearance, quality };
-            select_cut(&mut StoreNodes::new(&dataset.store), &scene, budget)
-        })
-        .await?;
+    let (clip, budget) = (wanted.clip, wanted.budget_bricks);
+    let select = move |store: &Store| {
+        let scene = Scene { views: &views, clip, appearance: &appearance, quality };
+        select_cut(&mut StoreNodes::new(store), &scene, budget)
+    };
+    let cut = app.read(&named.dataset, select).await?;
     let lacking = cut.lacking(&have).map(|leaf| Some(leaf.key)).collect();
     stream_of(&app, &named.dataset, vec![leaves_frame(&cut, &have)], lacking, wanted.form.into())
 }

@@ -25,7 +25,7 @@ pub(super) async fn info(
     conditions: Conditions,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let info = InfoJson::new(named.dataset.metadata(), named.dataset.file_bytes);
+    let info = InfoJson::new(&named.dataset.metadata, named.dataset.file_bytes);
     Ok(Answer::json(&info)?.lasting(named.lifetime()).to(&conditions))
 }
 
@@ -35,7 +35,6 @@ pub(super) async fn statistics(
     conditions: Conditions,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let answer =
-        app.with_statistics(&named, |dataset| Answer::json(dataset.statistics())).await??;
+    let answer = app.with_statistics(&named, |_, statistics| Answer::json(statistics)).await??;
     Ok(answer.lasting(named.lifetime()).to(&conditions))
 }

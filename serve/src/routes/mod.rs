@@ -1,6 +1,7 @@
 //! All addresses. `openapi.json` describes the same, and a test holds the two against each other.
 
 mod bricks;
+mod codes;
 mod cut;
 mod datasets;
 mod health;
@@ -83,6 +84,8 @@ pub(crate) fn router(app: &Arc<App>) -> Router {
         .route("/zarr2-5d/{dataset}/{*path}", get(zarr::zarr2_5d))
         .route("/zarr3/{dataset}/{*path}", get(zarr::zarr3))
         .route("/zarr3-5d/{dataset}/{*path}", get(zarr::zarr3_5d))
+        .route("/zarr2-codes/{dataset}/{*path}", get(codes::zarr2))
+        .route("/zarr3-codes/{dataset}/{*path}", get(codes::zarr3))
         .route("/precomputed/{dataset}/{*path}", get(precomputed::precomputed))
         .fallback(nowhere)
         .method_not_allowed_fallback(other_method)

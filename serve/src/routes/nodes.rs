@@ -2,12 +2,12 @@
 
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
-use crate::dataset::Dataset;
 use crate::problem::Problem;
+use crate::records::records;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
-use octree_store::{Geometry, NodeKey, NodeRecord, StoreError};
+use octree_store::{Geometry, NodeKey, NodeRecord, Store, StoreError};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -43,7 +43,7 @@ pub(super) async fn nodes(
 ) -> Result<Response, Problem> {
     let Query(wanted) = wanted?;
     let named = app.catalog.find(&name)?;
-    let geometry = named.dataset.store.geometry();
+    let geometry = named.dataset.geometry;
     if !geometry.levels().contains(&wanted.level) {
         return Err(Problem::absent(format!("the dataset has no level {}", wanted.level)));
     }
@@ -52,9 +52,12 @@ pub(super) async fn nodes(
         return Err(Problem::too_large(format!("at most {COUNT_LIMIT} records in one answer")));
     }
     let count = wanted.count.unwrap_or(COUNT_LIMIT).min(all.saturating_sub(wanted.first));
-    let dataset = Arc::clone(&named.dataset);
     let (level, first) = (wanted.level, wanted.first);
-    let records = app.decoders.run(move |_| read(&dataset, level, first, count)).await?;
+    let read = move |store: &Store| -> Vec<_> {
+        let keys = keys_from(&geometry, level, first).take(count as usize);
+        records(store, keys).collect()
+    };
+    let records = app.read(&named.dataset, read).await?;
     for (_, record) in &records {
         if let Err(error) = record {
             app.report(&named.dataset, error);
@@ -75,27 +78,6 @@ pub(super) async fn nodes(
         }
     };
     Ok(answer.with("x-octavo-nodes", &all.to_string()).lasting(named.lifetime()).to(&conditions))
-}
-
-type Read = (NodeKey, Result<NodeRecord, StoreError>);
-
-fn read(dataset: &Dataset, level: u8, first: u64, count: u64) -> Vec<Read> {
-    let keys = keys_from(dataset.store.geometry(), level, first).take(count as usize);
-    let mut family = None;
-    keys.map(|key| {
-        // Siblings stand side by side: one read gives all of them, unless one is damaged.
-        let parent = key.parent();
-        if dataset.store.geometry().root() == key {
-            return (key, dataset.store.node(key));
-        }
-        if family.as_ref().is_none_or(|(of, _)| *of != parent) {
-            family = Some((parent, dataset.store.children(parent).ok()));
-        }
-        let known =
-            family.as_ref().and_then(|(_, children)| children.as_ref()?.get(key.octant()).copied());
-        (key, known.map_or_else(|| dataset.store.node(key), Ok))
-    })
-    .collect()
 }
 
 /// The keys of a level in key order, without the first `skip`: whole subtrees are passed over at once.

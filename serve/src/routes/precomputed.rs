@@ -16,9 +16,9 @@ pub(super) async fn precomputed(
     conditions: Conditions,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let geometry = named.dataset.store.geometry();
+    let geometry = &named.dataset.geometry;
     if path == "info" {
-        let document = info(named.dataset.metadata(), geometry);
+        let document = info(&named.dataset.metadata, geometry);
         return Ok(Answer::json(&document)?.lasting(named.lifetime()).to(&conditions));
     }
     let key = chunk(&path, geometry);

@@ -79,15 +79,15 @@ pub(super) async fn render(
     };
     let permit = Arc::clone(&app.drawing).try_acquire_owned();
     let permit = permit.map_err(|_| Problem::busy("another picture is being drawn"))?;
-    let dataset = Arc::clone(&named.dataset);
+    let opened = app.opened(&named.dataset);
     let drawn = tokio::task::spawn_blocking(move || {
         // The permit goes with the work: a client that leaves does not make room for another picture.
         let _permit = permit;
-        renderer.render(&dataset.store, &request)
+        opened().map(|store| renderer.render(&store, &request))
     });
     let drawn = drawn
         .await
-        .map_err(|_| Problem::internal("drawing failed for a reason of the program's own"))?;
+        .map_err(|_| Problem::internal("drawing failed for a reason of the program's own"))??;
     let picture = drawn.map_err(|error| Problem::internal(error.to_string()))?;
     let headers = [
         (header::CONTENT_TYPE, picture.content_type),

@@ -7,7 +7,7 @@ use crate::problem::Problem;
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{Path, Query, State};
 use axum::response::Response;
-use octree_store::Region;
+use octree_store::{Region, Store};
 use serde::Deserialize;
 use std::sync::Arc;
 
@@ -38,7 +38,7 @@ pub(super) async fn slice(
     let Path((name, axis, index)) = path?;
     let Query(Wanted { level }) = wanted?;
     let named = app.catalog.find(&name)?;
-    let geometry = named.dataset.store.geometry();
+    let geometry = &named.dataset.geometry;
     if !geometry.levels().contains(&level) {
         return Err(Problem::absent(format!("the dataset has no level {level}")));
     }
@@ -53,14 +53,13 @@ pub(super) async fn slice(
         let detail = format!("{} samples: ask for a coarser level", region.voxels());
         return Err(Problem::too_large(detail));
     }
-    let version = named.dataset.metadata().digest.get(..32).unwrap_or_default();
+    let version = named.dataset.metadata.digest.get(..32).unwrap_or_default();
     let etag = format!("{version}-slice-{level}-{axis}-{index}");
     if conditions.has(&etag) {
         return Ok(Answer::binary(bytes::Bytes::new(), etag, named.lifetime()).not_modified());
     }
-    let dataset = Arc::clone(&named.dataset);
-    let read = move |_: &mut _| dataset.store.read_region_samples(level, region);
-    let samples = app.decoders.run(read).await?;
+    let read = move |store: &Store| store.read_region_samples(level, region);
+    let samples = app.read(&named.dataset, read).await?;
     let samples = samples.map_err(|error| app.report(&named.dataset, &error))?;
     let sides: Vec<u64> = (0..3).filter(|side| *side != axis).map(|side| dims[side]).collect();
     Ok(Answer::binary(samples.to_le_bytes().into(), etag, named.lifetime())

@@ -3,6 +3,7 @@
 use super::bricks::brick_answer;
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
+use crate::dataset::Named;
 use crate::problem::Problem;
 use crate::product::Shape;
 use crate::views::ome_zarr::{Flavour, Part};
@@ -43,23 +44,29 @@ pub(super) async fn zarr3_5d(
     zarr(&app, Flavour { zarr_format: 3, five_d: true }, &name, &path, &conditions).await
 }
 
+/// A dataset by its name, which may end as a zarr's: some clients know one by that alone.
+pub(super) fn find(app: &App, name: &str) -> Result<Named, Problem> {
+    let bare = name.strip_suffix(".zarr").map(|stem| stem.strip_suffix(".ome").unwrap_or(stem));
+    match (app.catalog.find(name), bare) {
+        (Err(_), Some(bare)) => app.catalog.find(bare),
+        (found, _) => found,
+    }
+}
+
+pub(super) fn nothing() -> Problem {
+    Problem::absent("the volume has no such document or chunk")
+}
+
 async fn zarr(
-    app: &App,
+    app: &Arc<App>,
     flavour: Flavour,
     name: &str,
     path: &str,
     conditions: &Conditions,
 ) -> Result<Response, Problem> {
-    // Some clients know a zarr by its name's ending alone.
-    let bare = name.strip_suffix(".zarr").map(|stem| stem.strip_suffix(".ome").unwrap_or(stem));
-    let found = app.catalog.find(name);
-    let named = match (found, bare) {
-        (Err(_), Some(bare)) => app.catalog.find(bare)?,
-        (found, _) => found?,
-    };
-    let geometry = named.dataset.store.geometry();
-    let part = flavour.part(path, geometry);
-    let part = part.ok_or_else(|| Problem::absent("the volume has no such document or chunk"))?;
+    let named = find(app, name)?;
+    let geometry = &named.dataset.geometry;
+    let part = flavour.part(path, geometry).ok_or_else(nothing)?;
     let compressor = app.options.compressor;
     let document = match part {
         Part::Chunk(key) => {
@@ -68,13 +75,12 @@ async fn zarr(
         }
         Part::Group => json!({"zarr_format": 2}),
         Part::Array(level) => {
-            let sample_type = named.dataset.metadata().sample_type;
+            let sample_type = named.dataset.metadata.sample_type;
             flavour.array(level, geometry, sample_type, compressor)
         }
         Part::Pyramid => {
-            app.with_statistics(&named, move |dataset| {
-                let window = dataset.statistics().window;
-                flavour.pyramid(&dataset.name, dataset.metadata(), window)
+            app.with_statistics(&named, move |dataset, statistics| {
+                flavour.pyramid(&dataset.name, &dataset.metadata, statistics.window)
             })
             .await?
         }

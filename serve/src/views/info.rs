@@ -15,7 +15,7 @@ pub(crate) fn listed(name: &str, entry: &Entry) -> Value {
     match entry {
         Entry::Broken(problem) => json!({"name": name, "problem": problem.detail()}),
         Entry::Open(dataset) => {
-            let metadata = dataset.metadata();
+            let metadata = &dataset.metadata;
             json!({
                 "name": name,
                 "pinned_name": format!("{name}@{}", dataset.version()),

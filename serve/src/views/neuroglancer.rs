@@ -6,10 +6,13 @@ use std::fmt::Write;
 /// The public build of Neuroglancer; it fetches from the server, wherever that is.
 const VIEWER: &str = "https://neuroglancer-demo.appspot.com/#!";
 
-/// A link that opens a dataset, served at `base` (as in `http://127.0.0.1:8642`), in Neuroglancer.
-pub fn neuroglancer_link(base: &str, dataset: &str) -> String {
+/// A link that opens a dataset, served at `base` (as in `http://127.0.0.1:8642`), in Neuroglancer. Its samples in `range`, as
+/// precomputed has them, are shown from black to white: Neuroglancer itself would take the type's whole range.
+pub fn neuroglancer_link(base: &str, dataset: &str, range: [f64; 2]) -> String {
     let source = format!("{base}/precomputed/{dataset}/|neuroglancer-precomputed:");
-    let layer = json!({"type": "image", "source": source, "name": dataset});
+    let controls = json!({"normalized": {"range": range}});
+    let layer =
+        json!({"type": "image", "source": source, "name": dataset, "shaderControls": controls});
     let state = json!({
         "layers": [layer],
         "selectedLayer": {"visible": true, "layer": dataset},

@@ -1,6 +1,7 @@
 //! OME-Zarr 0.4 (Zarr v2) and 0.5 (Zarr v3): groups, arrays, and what chunk a path names.
 
 use super::scales::{first_centre_xyz, scale_xyz};
+use super::zarr_array::{ZarrArray, level_of, numbers, within};
 use crate::options::Compressor;
 use octree_store::{Geometry, LengthUnit, Metadata, NodeKey, SampleType};
 use serde_json::{Value, json};
@@ -35,19 +36,16 @@ impl Flavour {
             (2, ".zattrs") | (3, "zarr.json") => return Some(Part::Pyramid),
             _ => {}
         }
-        let (level, rest) = path.split_once('/')?;
-        let level = u8::try_from(number(level)?).ok().filter(|l| geometry.levels().contains(l))?;
+        let (level, rest) = level_of(path, geometry)?;
         match (self.zarr_format, rest) {
             (2, ".zarray") | (3, "zarr.json") => return Some(Part::Array(level)),
             _ => {}
         }
         let chunk = if self.zarr_format == 3 { rest.strip_prefix("c/")? } else { rest };
         let chunk = if self.five_d { chunk.strip_prefix("0/0/")? } else { chunk };
-        let mut parts = chunk.split('/').map(number);
-        let [z, y, x] = [parts.next()??, parts.next()??, parts.next()??];
-        let grid = geometry.grid_at(level);
-        let inside = parts.next().is_none() && x < grid[0] && y < grid[1] && z < grid[2];
-        inside.then(|| Part::Chunk(NodeKey::new(level, [x, y, z])))
+        let [z, y, x] = numbers(chunk)?;
+        let key = NodeKey::new(level, within([x, y, z], geometry.grid_at(level))?);
+        Some(Part::Chunk(key))
     }
 
     fn axes(self) -> Vec<&'static str> {
@@ -133,83 +131,18 @@ impl Flavour {
     ) -> Value {
         let shape = self.dims(geometry.dims_at(level), 1);
         let chunks = self.dims([u64::from(geometry.core()); 3], 1);
-        let fill_value = if sample_type.is_integer() { json!(0) } else { json!(0.0) };
-        if self.zarr_format == 2 {
-            return json!({
-                "zarr_format": 2,
-                "shape": shape,
-                "chunks": chunks,
-                "dtype": v2_type(sample_type),
-                "compressor": match compressor {
-                    Compressor::None => Value::Null,
-                    Compressor::Zstd => json!({"id": "zstd", "level": 1}),
-                },
-                "fill_value": fill_value,
-                "order": "C",
-                "filters": null,
-                "dimension_separator": "/",
-            });
-        }
-        let mut codecs = vec![json!({"name": "bytes", "configuration": {"endian": "little"}})];
-        if compressor == Compressor::Zstd {
-            let configuration = json!({"level": 1, "checksum": false});
-            codecs.push(json!({"name": "zstd", "configuration": configuration}));
-        }
-        json!({
-            "zarr_format": 3,
-            "node_type": "array",
-            "shape": shape,
-            "data_type": long_type(sample_type),
-            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": chunks}},
-            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
-            "fill_value": fill_value,
-            "codecs": codecs,
-            "dimension_names": self.axes(),
-            "attributes": {},
-        })
+        let dimension_names = self.axes();
+        ZarrArray { shape, chunks, sample_type, compressor, dimension_names }
+            .document(self.zarr_format)
     }
 }
 
-/// A whole number as zarr writes it: no sign, no leading zero.
-fn number(text: &str) -> Option<u64> {
-    let plain = text.bytes().all(|byte| byte.is_ascii_digit());
-    let canonical = plain && (text == "0" || !text.starts_with('0'));
-    if canonical { text.parse().ok() } else { None }
-}
-
-fn unit_name(unit: LengthUnit) -> &'static str {
+pub(super) fn unit_name(unit: LengthUnit) -> &'static str {
     match unit {
         LengthUnit::M => "meter",
         LengthUnit::Mm => "millimeter",
         LengthUnit::Um => "micrometer",
         LengthUnit::Nm => "nanometer",
-    }
-}
-
-fn v2_type(sample_type: SampleType) -> &'static str {
-    match sample_type {
-        SampleType::U8 => "|u1",
-        SampleType::I8 => "|i1",
-        SampleType::U16 => "<u2",
-        SampleType::I16 => "<i2",
-        SampleType::U32 => "<u4",
-        SampleType::I32 => "<i4",
-        SampleType::F32 => "<f4",
-        SampleType::F64 => "<f8",
-    }
-}
-
-/// The type's name in Zarr v3, and in precomputed.
-pub(crate) fn long_type(sample_type: SampleType) -> &'static str {
-    match sample_type {
-        SampleType::U8 => "uint8",
-        SampleType::I8 => "int8",
-        SampleType::U16 => "uint16",
-        SampleType::I16 => "int16",
-        SampleType::U32 => "uint32",
-        SampleType::I32 => "int32",
-        SampleType::F32 => "float32",
-        SampleType::F64 => "float64",
     }
 }
 

@@ -1,7 +1,7 @@
 //! Neuroglancer's precomputed: its `info`, and what brick a chunk's name names.
 
-use super::ome_zarr::long_type;
 use super::scales::scale_xyz;
+use super::zarr_array::long_type;
 use crate::product::precomputed_offset;
 use octree_store::{Geometry, LengthUnit, Metadata, NodeKey, SampleType};
 use serde_json::{Value, json};
@@ -60,6 +60,12 @@ pub(crate) fn info(metadata: &Metadata, geometry: &Geometry) -> Value {
         });
     }
     info
+}
+
+/// The range of precomputed samples.
+pub(crate) fn range(metadata: &Metadata) -> [f64; 2] {
+    let offset = precomputed_offset(metadata.sample_type) as f64;
+    super::info::range(metadata).map(|value| value - offset)
 }
 
 /// The brick of a chunk's path, as in `0/64-96_0-32_32-33`; none: there is no such chunk.

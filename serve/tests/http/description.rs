@@ -52,6 +52,8 @@ fn what_is_answered_has_the_type_and_the_status_that_were_described() {
             "zarr2-5d" => "0/0/0/0/0/0",
             "zarr3" => "0/c/0/0/0",
             "zarr3-5d" => "0/c/0/0/0/0/0",
+            "zarr2-codes" => "0/codes/0/0/0",
+            "zarr3-codes" => "0/map/c/0/0/0/0",
             _ => "0/0-8_0-8_0-8",
         };
         let mut concrete = concrete.replace("{path}", part);

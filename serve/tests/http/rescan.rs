@@ -1,4 +1,4 @@
-//! Stores come, go and are replaced while the server runs.
+//! Stores come, go and are replaced while the server runs; of many, few are open.
 
 use crate::support::{Running, Volume, noise, options};
 use octree_store::{Encoding, NodeKey, to_le_bytes};
@@ -60,4 +60,69 @@ fn links_and_other_files_of_a_folder_are_not_served() {
     // One who names the link itself means what it points to.
     let named = Running::new(options(&folder.path().join("link.octavo")));
     assert_eq!(named.get("/v1/link/info").status, 200);
+}
+
+/// Files of a folder that this process, and so the server in it, has open.
+fn open_files(folder: &std::path::Path) -> usize {
+    let descriptors = std::fs::read_dir("/proc/self/fd").unwrap();
+    let targets = descriptors.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
+    targets.filter(|target| target.starts_with(folder)).count()
+}
+
+#[test]
+fn of_many_stores_few_are_open_and_all_are_served() {
+    let folder = tempfile::tempdir().unwrap();
+    let volumes: Vec<Volume<u16>> = (0..20)
+        .map(|i| Volume::new([20, 9, 9], 8, move |[x, y, z]| noise([x + 100 * i, y, z])))
+        .collect();
+    for (i, volume) in volumes.iter().enumerate() {
+        volume.write(&folder.path().join(format!("v{i}.octavo")), Encoding::Lossless);
+    }
+    let mut options = options(folder.path());
+    (options.limits.open_stores, options.limits.decodes) = (3, 2);
+    options.cache_bytes = 0;
+    let server = Running::new(options);
+    assert_eq!(server.get("/v1/datasets").json().as_array().unwrap().len(), 20);
+    for round in 0..3 {
+        for (i, volume) in volumes.iter().enumerate() {
+            let key = NodeKey::new(0, [round, 0, 0]);
+            let reply = server.get(&format!("/v1/v{i}/bricks/0/{round}/0/0"));
+            assert_eq!(reply.body, to_le_bytes(&volume.brick(key)), "v{i}");
+            let nodes = server.get(&format!("/v1/v{i}/nodes?level=0"));
+            assert_eq!(nodes.status, 200);
+            let open = open_files(folder.path());
+            assert!(open <= 3, "{open} files are open");
+        }
+    }
+}
+
+#[test]
+fn a_store_that_was_replaced_while_it_was_closed_is_not_taken_for_the_old_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, volume: &Volume<u16>| {
+        let made = folder.path().join("made");
+        volume.write(&made, Encoding::Lossless);
+        std::fs::rename(&made, folder.path().join(name)).unwrap();
+    };
+    let volume = Volume::<u16>::new([20, 9, 9], 8, noise);
+    put("a.octavo", &volume);
+    put("b.octavo", &volume);
+    put("c.octavo", &volume);
+    let mut options = options(folder.path());
+    options.limits.open_stores = 1;
+    options.rescan = Duration::from_hours(1);
+    let server = Running::new(options);
+    // One that is asked for closes the others.
+    for _ in 0..3 {
+        assert_eq!(server.get("/v1/c/bricks/0/0/0/0").status, 200);
+    }
+    put("a.octavo", &Volume::new([20, 9, 9], 8, |place| 65_535.0 - noise(place)));
+    std::fs::remove_file(folder.path().join("b.octavo")).unwrap();
+    for path in ["bricks/0/1/0/0", "nodes?level=0", "slices/z/3", "statistics"] {
+        let replaced = server.get(&format!("/v1/a/{path}"));
+        replaced.assert_problem(503);
+        assert_eq!(replaced.header("retry-after"), "1");
+        server.get(&format!("/v1/b/{path}")).assert_problem(404);
+    }
+    assert_eq!(server.get("/v1/c/bricks/0/1/0/0").status, 200);
 }

@@ -290,3 +290,17 @@ pub(crate) fn damage(path: &Path, key: NodeKey) {
     let store = octree_store::Store::open(path).unwrap();
     assert!(store.read_brick_samples(key).is_err(), "the damage is where it should be");
 }
+
+/// Flips a bit of a node's record, where it lies in the index.
+pub(crate) fn damage_record(path: &Path, key: NodeKey) {
+    let record = octree_store::Store::open(path).unwrap().node(key).unwrap().to_bytes();
+    let mut bytes = std::fs::read(path).unwrap();
+    let places: Vec<usize> =
+        (0..=bytes.len() - record.len()).filter(|at| bytes[*at..].starts_with(&record)).collect();
+    assert!(!places.is_empty());
+    for at in places {
+        bytes[at + 50] ^= 1;
+    }
+    std::fs::write(path, bytes).unwrap();
+    assert!(octree_store::Store::open(path).unwrap().node(key).is_err());
+}

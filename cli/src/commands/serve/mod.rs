@@ -69,6 +69,7 @@ enum CompressorName {
     #[default]
     None,
     Zstd,
+    BloscLz4,
 }
 
 impl Serve {
@@ -112,6 +113,7 @@ impl Serve {
         options.compressor = match self.compressor {
             CompressorName::None => Compressor::None,
             CompressorName::Zstd => Compressor::Zstd,
+            CompressorName::BloscLz4 => Compressor::BloscLz4,
         };
         if let Some(file) = &self.token_file {
             let text = std::fs::read_to_string(file).map_err(|source| unreadable(file, source))?;
@@ -150,7 +152,7 @@ fn announce(server: &Server) -> io::Result<()> {
     writeln!(out, "{base}/")?;
     for (name, state) in server.datasets() {
         match state {
-            Ok(()) => writeln!(out, "{name}: {}", neuroglancer_link(&base, &name))?,
+            Ok(range) => writeln!(out, "{name}: {}", neuroglancer_link(&base, &name, range))?,
             Err(problem) => writeln!(out, "{name}: {problem}")?,
         }
     }
