@@ -2,7 +2,7 @@
 
 use super::reader::{BrickScratch, Store};
 use crate::encoding::{Upload, UploadFormat, ValueMap};
-use crate::error::StoreError;
+use crate::error::{Damage, StoreError};
 use crate::record::{BrickState, NodeRecord};
 use crate::sample::Sample;
 use crate::with_sample_type;
@@ -36,6 +36,7 @@ impl Store {
         match record.state {
             BrickState::Uniform => return Ok(constant(record.brick_min)),
             BrickState::Empty => return Ok(constant(self.metadata().empty_value)),
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
             BrickState::Stored => {}
         }
         let mut samples = vec![T::default(); self.geometry().brick_samples()];
@@ -65,6 +66,7 @@ impl Store {
         match record.state {
             BrickState::Uniform => samples.fill(T::from_f64(record.brick_min)),
             BrickState::Empty => samples.fill(T::from_f64(self.metadata().empty_value)),
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
             BrickState::Stored => self
                 .decoding()
                 .recode(record, &mut scratch.decode, samples)

@@ -25,7 +25,11 @@ pub(super) async fn info(
     conditions: Conditions,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let info = InfoJson::new(named.dataset.metadata(), named.dataset.file_bytes);
+    let info = InfoJson::new(
+        named.dataset.metadata(),
+        named.dataset.store.format_version(),
+        named.dataset.file_bytes,
+    );
     Ok(Answer::json(&info)?.lasting(named.lifetime()).to(&conditions))
 }
 
