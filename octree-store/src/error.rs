@@ -48,6 +48,9 @@ pub enum Damage {
         /// Bytes found.
         found: usize,
     },
+    /// The store was salvaged, and nothing could be saved of the brick.
+    #[error("it was lost before this store was salvaged from a damaged one")]
+    Lost,
     /// It does not say what the source says.
     #[error("it does not match the source: {what}")]
     Source {
@@ -84,6 +87,15 @@ pub enum StoreError {
         /// The newest version that this library reads.
         supported: u32,
     },
+    /// The store needs what this version cannot do.
+    #[error("{}: it uses features that this program does not know (bits {found:#x}): use a newer octavo",
+        path.display())]
+    UnknownFeatures {
+        /// The file.
+        path: PathBuf,
+        /// The bits that are not known.
+        found: u32,
+    },
     /// The store's conversion never finished, or the file was cut short.
     #[error("{}: it was not finished or is cut short: convert the source again", path.display())]
     Incomplete {
@@ -114,6 +126,13 @@ pub enum StoreError {
         path: PathBuf,
         /// How.
         what: String,
+    },
+    /// Of a damaged store not even the metadata are left.
+    #[error("{}: no metadata are left in it, so nothing of it can be used: convert the source again",
+        path.display())]
+    NothingLeft {
+        /// The file.
+        path: PathBuf,
     },
     /// A node is damaged. Other nodes may be whole.
     #[error("{}: {key} is damaged: {damage}; 'octavo verify' lists all damage", path.display())]

@@ -181,6 +181,29 @@ impl Geometry {
         key.level() <= self.top_level() && (0..3).all(|axis| key.brick_xyz()[axis] < grid[axis])
     }
 
+    /// The keys of a level in key order, by descent from the root: few of them are held at once.
+    pub fn keys_at(&self, level: u8) -> impl Iterator<Item = NodeKey> + use<> {
+        let geometry = *self;
+        let mut pending = vec![geometry.root()];
+        std::iter::from_fn(move || {
+            while let Some(key) = pending.pop() {
+                if key.level() == level {
+                    return Some(key);
+                }
+                let children = key.children().into_iter().rev();
+                pending.extend(children.filter(|child| geometry.contains(*child)));
+            }
+            None
+        })
+    }
+
+    /// The parents of a level's nodes in key order. That of the top level's lies outside the volume.
+    pub fn parents_of(&self, level: u8) -> impl Iterator<Item = NodeKey> + use<> {
+        let above = (level == self.top_level()).then(|| self.root().parent());
+        let within = (level < self.top_level()).then(|| self.keys_at(level + 1));
+        above.into_iter().chain(within.into_iter().flatten())
+    }
+
     /// Which of the eight children of `key` exist: bit `x + 2y + 4z` of the octant. Level 0 has none.
     pub fn child_mask(&self, key: NodeKey) -> u8 {
         if key.level() == 0 {
@@ -229,6 +252,21 @@ fn ceil_shift(value: u64, shift: u8) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_keys_of_a_level_come_in_order_and_their_parents_once() {
+        for dims in [[1, 1, 1], [40, 33, 20], [100, 8, 300]] {
+            let geometry = Geometry::new(dims, 8, 1).unwrap();
+            for level in geometry.levels() {
+                let keys: Vec<_> = geometry.keys_at(level).collect();
+                assert_eq!(keys.len() as u64, geometry.bricks_at(level));
+                assert!(keys.is_sorted() && keys.iter().all(|key| geometry.contains(*key)));
+                let mut parents: Vec<_> = keys.iter().map(|key| key.parent()).collect();
+                parents.dedup();
+                assert_eq!(geometry.parents_of(level).collect::<Vec<_>>(), parents);
+            }
+        }
+    }
     use proptest::prelude::*;
 
     #[test]

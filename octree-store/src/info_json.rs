@@ -1,7 +1,7 @@
 //! The JSON of `info` and of conversion reports: schema `octavo.info/1`.
 
 use crate::encoding::Encoding;
-use crate::metadata::{FORMAT_VERSION, LevelSummary, Metadata, SourceDescription};
+use crate::metadata::{LevelSummary, Metadata, SourceDescription};
 use crate::sample::SampleType;
 use serde::Serialize;
 use serde_json::{Map, Number, Value};
@@ -52,13 +52,13 @@ pub struct InfoJson<'a> {
 }
 
 impl<'a> InfoJson<'a> {
-    /// What is to be said of a store in a file of so many bytes.
-    pub fn new(metadata: &'a Metadata, file_bytes: u64) -> Self {
+    /// What is to be said of a store of this version of the format, in a file of so many bytes.
+    pub fn new(metadata: &'a Metadata, format_version: u32, file_bytes: u64) -> Self {
         let first = metadata.levels.first();
         let value = |v: Option<f64>| v.map_or(Value::Null, |v| number(v, metadata.sample_type));
         Self {
             schema: "octavo.info/1",
-            format_version: FORMAT_VERSION,
+            format_version,
             complete: metadata.complete,
             digest: &metadata.digest,
             dims_xyz: metadata.dims_xyz,

@@ -53,6 +53,9 @@
 //! # }
 //! ```
 
+#[cfg(target_endian = "big")]
+compile_error!("samples and payloads are little-endian, and nothing swaps them here yet");
+
 mod compensated_sum;
 pub mod digest;
 pub mod encoding;
@@ -68,6 +71,7 @@ mod metadata;
 mod overlap_bound;
 mod record;
 mod region;
+mod salvage;
 mod sample;
 mod store;
 mod summary;
@@ -87,5 +91,6 @@ pub use metadata::{
     DownsampleFilter, FORMAT_VERSION, LengthUnit, LevelSummary, Metadata, SourceDescription,
 };
 pub use record::{BrickState, NodeRecord, PayloadPlace};
+pub use salvage::{SALVAGED_OF, Salvaged, salvage};
 pub use sample::{Sample, SampleBuffer, SampleType, to_le_bytes};
-pub use store::{BrickScratch, Children, Committed, OpenOptions, Store, StoreWriter};
+pub use store::{BrickScratch, Children, Committed, Mender, OpenOptions, Store, StoreWriter};

@@ -11,11 +11,13 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 use twox_hash::XxHash3_64;
 
-/// The format version that this library writes. Version 0 may break.
-pub const FORMAT_VERSION: u32 = 0;
+/// The format version that this library writes; it reads this one and those before.
+pub const FORMAT_VERSION: u32 = 1;
 
-const MAGIC: [u8; 4] = *b"OCTV";
-const FRAME_BYTES: usize = 16;
+/// What the metadata frame begins with.
+pub(crate) const MAGIC: [u8; 4] = *b"OCTV";
+/// Bytes of the frame before the JSON.
+pub(crate) const FRAME_BYTES: usize = 16;
 
 /// The unit of `spacing_xyz`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -92,6 +94,9 @@ pub struct LevelSummary {
     pub uniform: u64,
     /// Bricks filtered out.
     pub empty: u64,
+    /// Bricks whose data could not be saved; only a salvaged store has any.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lost: u64,
     /// Bytes of the level's payloads.
     pub payload_bytes: u64,
     /// Stored bricks by the bits that their samples have before compression.
@@ -112,6 +117,12 @@ pub struct LevelSummary {
     /// stored it in its own codes; 0 where it does.
     #[serde(default)]
     pub overlap_extra_amax_bound: f64,
+}
+
+/// Keys that say nothing are left out.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// What the store was made from.
@@ -192,6 +203,11 @@ pub struct Metadata {
     pub options: BTreeMap<String, serde_json::Value>,
 }
 
+/// The frame's checksum: a version that was changed shows in it too.
+fn checksum(version: u32, json: &[u8]) -> u64 {
+    XxHash3_64::oneshot_with_seed(version.into(), json)
+}
+
 /// Why metadata cannot be read from its bytes.
 #[derive(Debug, Error, PartialEq)]
 pub(crate) enum MetadataError {
@@ -260,13 +276,18 @@ impl Metadata {
         (level.rms > 0.0 && peak > 0.0).then(|| 20.0 * (peak / level.rms).log10())
     }
 
+    /// The metadata as JSON.
+    pub(crate) fn to_json(&self) -> Vec<u8> {
+        serde_json::to_vec(self).expect("metadata has string keys and finite numbers")
+    }
+
     /// The record's bytes: magic, version, checksum, JSON.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let json = serde_json::to_vec(self).expect("metadata has string keys and finite numbers");
+        let json = self.to_json();
         let mut bytes = Vec::with_capacity(FRAME_BYTES + json.len());
         bytes.extend_from_slice(&MAGIC);
         bytes.extend_from_slice(&FORMAT_VERSION.to_le_bytes());
-        bytes.extend_from_slice(&XxHash3_64::oneshot(&json).to_le_bytes());
+        bytes.extend_from_slice(&checksum(FORMAT_VERSION, &json).to_le_bytes());
         bytes.extend_from_slice(&json);
         bytes
     }
@@ -283,7 +304,7 @@ impl Metadata {
             return Err(MetadataError::Newer(version));
         }
         let json = &bytes[FRAME_BYTES..];
-        if XxHash3_64::oneshot(json) != u64::from_le_bytes(field(8)) {
+        if checksum(version, json) != u64::from_le_bytes(field(8)) {
             return Err(MetadataError::Checksum);
         }
         let metadata: Self =

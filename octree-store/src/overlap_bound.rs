@@ -43,6 +43,9 @@ impl OverlapBounds {
     }
 
     pub(crate) fn add(&mut self, record: &NodeRecord) {
+        if record.state == BrickState::Lost {
+            return;
+        }
         let amax =
             if record.state == BrickState::Empty { &mut self.dropped } else { &mut self.kept };
         *amax = amax.max(record.error.amax);

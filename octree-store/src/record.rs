@@ -7,7 +7,7 @@ use std::ops::Range;
 use twox_hash::XxHash3_64;
 
 /// What a brick is. A node without a record is *absent*; a record or payload that fails its
-/// checksum is *damaged* and comes as an error.
+/// checksum is *damaged* and comes as an error, and so does a brick that is *lost*.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum BrickState {
@@ -17,20 +17,25 @@ pub enum BrickState {
     Uniform = 2,
     /// Filtered out: it decodes to the metadata's `empty_value`; there is no payload.
     Empty = 3,
+    /// Its samples could not be saved when the store was salvaged: to read it is an error. What its record
+    /// says of ranges and bounds holds.
+    Lost = 4,
 }
 
 impl BrickState {
-    /// The word used in reports: `stored`, `uniform`, `empty`.
+    /// The word used in reports: `stored`, `uniform`, `empty`, `lost`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Stored => "stored",
             Self::Uniform => "uniform",
             Self::Empty => "empty",
+            Self::Lost => "lost",
         }
     }
 
     fn from_id(id: u8) -> Option<Self> {
-        [Self::Stored, Self::Uniform, Self::Empty].into_iter().find(|state| *state as u8 == id)
+        let all = [Self::Stored, Self::Uniform, Self::Empty, Self::Lost];
+        all.into_iter().find(|state| *state as u8 == id)
     }
 }
 
@@ -50,7 +55,7 @@ pub struct PayloadPlace {
 pub struct NodeRecord {
     /// The node.
     pub key: NodeKey,
-    /// Stored, uniform or empty.
+    /// Stored, uniform, empty or lost.
     pub state: BrickState,
     /// What the payload's words are (of a stored brick).
     pub coding: Coding,
@@ -118,6 +123,14 @@ impl NodeRecord {
         let checksum = XxHash3_64::oneshot(&bytes[..RECORD_CHECKSUM.start]);
         bytes[RECORD_CHECKSUM].copy_from_slice(&checksum.to_le_bytes());
         bytes
+    }
+
+    /// Whether these bytes could be a record's: quickly, and right of all that are.
+    pub(crate) fn may_be(bytes: &[u8]) -> bool {
+        bytes.len() == Self::BYTES
+            && BrickState::from_id(bytes[STATE]).is_some()
+            && Coding::from_id(bytes[CODING]).is_some()
+            && Compression::from_id(bytes[COMPRESSION]).is_some()
     }
 
     /// The record of these bytes, or `None` where they are not a whole, undamaged record.
@@ -227,6 +240,7 @@ mod tests {
     #[test]
     fn bytes_come_back() {
         assert_eq!(NodeRecord::from_bytes(&record().to_bytes()), Some(record()));
+        assert!(NodeRecord::may_be(&record().to_bytes()));
     }
 
     #[test]

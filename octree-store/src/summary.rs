@@ -27,6 +27,7 @@ struct LevelSums {
     stored: u64,
     uniform: u64,
     empty: u64,
+    lost: u64,
     payload_bytes: u64,
     bits: BTreeMap<u8, u64>,
     kept: ErrorTotal,
@@ -41,6 +42,7 @@ impl LevelSums {
             stored: 0,
             uniform: 0,
             empty: 0,
+            lost: 0,
             payload_bytes: 0,
             bits: BTreeMap::new(),
             kept: ErrorTotal::default(),
@@ -77,10 +79,12 @@ impl Summary {
             }
             BrickState::Uniform => level.uniform += 1,
             BrickState::Empty => level.empty += 1,
+            BrickState::Lost => level.lost += 1,
         }
         level.payload_bytes += u64::from(record.place.length);
         level.overlap.add(record);
         if record.state != BrickState::Empty {
+            // Of lost bricks nothing was measured: they add nothing.
             level.kept.add(&record.error);
         } else if record.key.level() == 0 {
             self.dropped.add(&record.error);
@@ -118,6 +122,7 @@ impl Summary {
             stored: sums.stored,
             uniform: sums.uniform,
             empty: sums.empty,
+            lost: sums.lost,
             payload_bytes: sums.payload_bytes,
             bits: sums.bits.clone(),
             rms: kept.rms(),

@@ -1,7 +1,7 @@
 //! What can stop a conversion or a comparison.
 
 use crate::source::SourceError;
-use octree_store::{GeometryError, LengthUnit, StoreError, is_denied};
+use octree_store::{GeometryError, LengthUnit, NodeKey, StoreError, is_denied};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -24,15 +24,15 @@ pub enum PreprocessError {
         /// The output.
         path: PathBuf,
     },
-    /// An earlier conversion onto this output did not finish.
-    #[error("{}: an unfinished conversion left this file: give --resume to go on with it, or --force to \
-        start anew", path.display())]
+    /// Earlier work on this output did not finish.
+    #[error("{}: unfinished work left this file: give --force to start anew, or, of a conversion, --resume to \
+        go on with it", path.display())]
     Unfinished {
         /// What it left.
         path: PathBuf,
     },
-    /// Another conversion is writing to this output.
-    #[error("{}: another conversion is writing it: wait for that one, or give -o another name",
+    /// Other work is writing to this output.
+    #[error("{}: another conversion or repair is writing it: wait for that one, or give -o another name",
         path.display())]
     Busy {
         /// The file being written.
@@ -139,6 +139,17 @@ pub enum PreprocessError {
         a: [u64; 3],
         /// Voxels of the second.
         b: [u64; 3],
+    },
+    /// A store cannot be repaired from this source.
+    #[error("{}: it was not made from this source: {}{what}; nothing that was whole has been changed",
+        path.display(), key.map_or_else(String::new, |key| format!("{key}: ")))]
+    Misfit {
+        /// The store.
+        path: PathBuf,
+        /// The first brick that shows it.
+        key: Option<NodeKey>,
+        /// How it does.
+        what: String,
     },
     /// A thread could not be started.
     #[error("a thread could not be started: {0}")]

@@ -6,6 +6,7 @@
 //! slice by slice, in bounded memory, which is how [`export`] writes them out again; [`tradeoff`] measures what
 //! each way to convert costs and gives.
 
+mod again;
 pub mod compare;
 mod convert;
 mod decode;
@@ -18,6 +19,8 @@ pub mod histogram;
 mod level_window;
 pub mod memory;
 mod progress;
+mod repair;
+mod salvage;
 pub mod source;
 pub mod tradeoff;
 mod upscale;
@@ -31,6 +34,8 @@ pub use convert::{Conversion, ConversionPlan, ConvertOptions, PlannedLevel, Star
 pub use disk::DiskSpace;
 pub use error::PreprocessError;
 pub use progress::{NoProgress, Progress};
+pub use repair::{Repair, repair};
+pub use salvage::salvage;
 pub use source::{Source, SourceError, SourceOptions};
 pub use upscale::{CubicKernel, Detail, Upscale};
 pub use verify_against::{AgainstReport, OverlapReport, verify_against};

@@ -3,22 +3,20 @@
 //! The source is walked just as it was converted, but instead of being encoded each brick is
 //! compared with what a reader of the store gets. Each record's error must come out the same.
 
-use crate::convert::{ConversionPlan, ConvertOptions, ValueRules};
+use crate::again::Again;
+use crate::convert::{ConvertOptions, ValueRules};
 use crate::downsample::Core;
 use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::source::Source;
-use crate::source::map::unnamed_file;
-use crate::upscale::Upscale;
-use crate::walk::{Buffers, Earlier, Octet, Sink, Visitor, walk};
+use crate::walk::{Octet, Sink, Visitor};
 use octree_store::encoding::finite_range;
 use octree_store::verify::DamagedNode;
 use octree_store::{
-    BrickScratch, BrickState, Damage, ErrorSum, ErrorTotal, Geometry, NodeKey, NodeRecord, Region,
-    Sample, Store, StoreError, with_sample_type,
+    BrickScratch, BrickState, Damage, ErrorSum, ErrorTotal, Geometry, NodeKey, NodeRecord, Sample,
+    Store, StoreError, with_sample_type,
 };
 use serde::Serialize;
-use std::sync::Arc;
 
 /// What was measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -51,13 +49,6 @@ pub struct OverlapReport {
     pub extra_amax: f64,
 }
 
-/// The region of the source that a store was made of, if not the whole.
-fn roi(store: &Store) -> Option<Region> {
-    let value = store.metadata().options.get("roi")?.clone();
-    let [min, max]: [[u64; 3]; 2] = serde_json::from_value(value).ok()?;
-    Some(Region { min, max })
-}
-
 /// Measures a store's errors anew from its source; of `how`, threads, memory and scratch are used.
 ///
 /// # Errors
@@ -68,40 +59,8 @@ pub fn verify_against(
     how: &ConvertOptions,
     progress: &dyn Progress,
 ) -> Result<AgainstReport, PreprocessError> {
-    let metadata = store.metadata();
-    let source = match roi(store) {
-        Some(region) => source.crop(region)?,
-        None => source,
-    };
-    let source = match Upscale::recorded(&metadata.options)? {
-        Some(upscale) => source.upscale(upscale)?,
-        None => source,
-    };
-    if source.dims_xyz != metadata.dims_xyz {
-        return Err(PreprocessError::DifferentDims { a: metadata.dims_xyz, b: source.dims_xyz });
-    }
-    let (stored, asked) = (metadata.sample_type, source.sample_type());
-    if stored != asked {
-        return Err(StoreError::SampleType { stored, asked }.into());
-    }
-    let options = ConvertOptions {
-        brick_core: metadata.brick_core,
-        brick_overlap: metadata.brick_overlap,
-        encoding: metadata.encoding,
-        downsample: metadata.downsample,
-        scratch: how.scratch.clone().or_else(|| Some(std::env::temp_dir())),
-        ..how.clone()
-    };
-    let plan = ConversionPlan::new(&source, store.path(), &options)?;
-    // Nothing is to be resumed: unnamed scratch will do.
-    let folder = options.scratch.clone().unwrap_or_else(std::env::temp_dir);
-    let scratch = unnamed_file(&folder, plan.slots_bytes).map_err(PreprocessError::Scratch)?;
-    let rules = ValueRules {
-        nan_value: metadata.options.get("nan_value").and_then(serde_json::Value::as_f64),
-        empty_below: metadata.empty_below,
-        empty_value: metadata.empty_value,
-    };
-    let against = Against { store, rules };
+    let again = Again::new(store, source, how)?;
+    let against = Against { store, rules: again.rules };
     let mut sums = Sums {
         progress,
         kept: ErrorTotal::default(),
@@ -110,13 +69,8 @@ pub fn verify_against(
         overlap_extra: ErrorTotal::default(),
         damaged: Vec::new(),
     };
-    let pool = crate::pool(plan.threads)?;
-    let earlier = Earlier { octets: 0, scratch: Arc::new(scratch) };
-    let buffers = Buffers::default();
-    with_sample_type!(stored, T => {
-        walk::<T, _>(
-            &source, &plan.geometry, &pool, &plan.walk, &against, &buffers, &earlier, &mut sums,
-        )?;
+    with_sample_type!(store.metadata().sample_type, T => {
+        again.walk::<T, _>(&against, &mut sums)?;
     });
     let Sums { kept, dropped, overlap, overlap_extra, mut damaged, .. } = sums;
     damaged.sort_by_key(|node: &DamagedNode| node.key);
@@ -127,7 +81,7 @@ pub fn verify_against(
         amax: kept.amax,
         dropped_rms: dropped.rms(),
         dropped_amax: dropped.amax,
-        overlap: (!metadata.stored_overlap).then(|| OverlapReport {
+        overlap: (!store.metadata().stored_overlap).then(|| OverlapReport {
             rms: overlap.rms(),
             amax: overlap.amax,
             extra_rms: extra.rms(),
@@ -169,16 +123,18 @@ impl Sink<Measured> for Sums<'_> {
 }
 
 /// Compares each brick of the source with what the store gives for it.
-struct Against<'a> {
-    store: &'a Store,
-    rules: ValueRules,
+#[derive(Clone, Copy)]
+pub(crate) struct Against<'a> {
+    pub(crate) store: &'a Store,
+    pub(crate) rules: ValueRules,
 }
 
-struct Measured {
+/// What came of one brick.
+pub(crate) struct Measured {
     error: ErrorSum,
     empty: bool,
     overlap: Overlap,
-    damage: Option<Damage>,
+    pub(crate) damage: Option<Damage>,
 }
 
 /// Errors of a brick's overlap within the volume.
@@ -190,7 +146,7 @@ struct Overlap {
 }
 
 /// Buffers that a thread keeps.
-struct AgainstScratch<T> {
+pub(crate) struct AgainstScratch<T> {
     decoded: Vec<T>,
     /// The source's samples as the brick's own codes would keep them.
     own: Vec<T>,

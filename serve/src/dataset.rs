@@ -17,6 +17,8 @@ pub(crate) struct Dataset {
     pub(crate) metadata: Metadata,
     pub(crate) geometry: Geometry,
     pub(crate) file_bytes: u64,
+    /// The version of the format in which it was written.
+    pub(crate) format_version: u32,
     statistics: OnceLock<Statistics>,
 }
 
@@ -29,6 +31,7 @@ impl Dataset {
             metadata: store.metadata().clone(),
             geometry: *store.geometry(),
             file_bytes,
+            format_version: store.format_version(),
             statistics: OnceLock::new(),
         }
     }

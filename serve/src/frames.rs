@@ -60,12 +60,14 @@ fn frame_of(dataset: &Dataset, key: NodeKey, shape: Shape, product: &Product) ->
         BrickState::Stored => Kind::Stored,
         BrickState::Uniform => Kind::Uniform,
         BrickState::Empty => Kind::Empty,
+        BrickState::Lost => Kind::Damaged,
     };
     let numbers = match (record.state, product.map) {
         (BrickState::Uniform, _) => [record.brick_min; 2],
         (BrickState::Empty, _) => [dataset.metadata.empty_value; 2],
         (BrickState::Stored, Some(map)) => [map.offset, map.scale],
-        (BrickState::Stored, None) => [record.brick_min, record.brick_max],
+        // To read a lost brick is an error, so that none comes here.
+        (BrickState::Stored | BrickState::Lost, _) => [record.brick_min, record.brick_max],
     };
     let format = match product.map.map(|map| map.format) {
         None => 0,

@@ -26,7 +26,7 @@ fn info_tells_everything_that_scripts_rely_on() {
     let info = bench.ok("info a.octavo --json").json();
     for (key, value) in [
         ("schema", json!("octavo.info/1")),
-        ("format_version", json!(0)),
+        ("format_version", json!(1)),
         ("complete", json!(true)),
         ("dims_xyz", json!([40, 33, 20])),
         ("spacing_xyz", json!([0.5, 1.0, 2.0])),

@@ -2,10 +2,12 @@
 
 use crate::support::Bench;
 
-const COMMANDS: [&str; 16] = [
+const COMMANDS: [&str; 18] = [
     "convert",
     "info",
     "verify",
+    "repair",
+    "salvage",
     "histogram",
     "slice",
     "preview",

@@ -12,6 +12,7 @@ mod headers;
 mod help;
 mod instruction_sets;
 mod memory;
+mod mend;
 mod nibabel;
 mod plan;
 mod readers;

@@ -26,7 +26,7 @@ impl Info {
         let store = Store::open(&self.store)?;
         let file_bytes = std::fs::metadata(&self.store)?.len();
         if self.json {
-            print_json(&InfoJson::new(store.metadata(), file_bytes))?;
+            print_json(&InfoJson::new(store.metadata(), store.format_version(), file_bytes))?;
         } else {
             print(store.metadata(), file_bytes)?;
         }
@@ -121,6 +121,13 @@ fn print(metadata: &Metadata, file_bytes: u64) -> io::Result<()> {
     }
     if metadata.dropped_voxels > 0 {
         writeln!(out, "dropped      {}", dropped_line(metadata))?;
+    }
+    let lost: u64 = metadata.levels.iter().map(|level| level.lost).sum();
+    if lost > 0 {
+        writeln!(
+            out,
+            "LOST         {lost} bricks, before this store was salvaged from a damaged one"
+        )?;
     }
     writeln!(out, "made by      {}", metadata.created_by)?;
     writeln!(out, "digest       {}", metadata.digest)?;

@@ -1,5 +1,6 @@
 //! The commands, one file each: arguments, and what is done with them.
 
+mod against;
 mod brick;
 mod compare;
 mod completions;
@@ -12,6 +13,8 @@ mod man;
 mod preview;
 mod render;
 mod render_check;
+mod repair;
+mod salvage;
 mod serve;
 mod slice;
 mod tradeoff;
@@ -43,6 +46,8 @@ enum Command {
     Convert(convert::Convert),
     Info(info::Info),
     Verify(verify::Verify),
+    Repair(repair::Repair),
+    Salvage(salvage::Salvage),
     Histogram(histogram::Histogram),
     Slice(slice::Slice),
     Preview(preview::Preview),
@@ -66,6 +71,8 @@ impl Octavo {
             Command::Convert(command) => command.run(),
             Command::Info(command) => command.run(),
             Command::Verify(command) => command.run(),
+            Command::Repair(command) => command.run(),
+            Command::Salvage(command) => command.run(),
             Command::Histogram(command) => command.run(),
             Command::Slice(command) => command.run(),
             Command::Preview(command) => command.run(),

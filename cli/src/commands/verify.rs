@@ -1,16 +1,14 @@
 //! `octavo verify`: whether a store is whole, and as good as it says.
 
-use super::{RawArgs, SeriesArgs, print_json};
+use super::against::AgainstArgs;
+use super::print_json;
 use crate::exit::Answer;
 use crate::numbers::exact;
-use crate::parse;
 use crate::progress::Bar;
 use clap::Args;
 use octree_store::verify::{DamagedNode, verify};
 use octree_store::{Store, StoreError};
-use preprocess::{
-    AgainstReport, ConvertOptions, PreprocessError, Progress, Source, verify_against,
-};
+use preprocess::{AgainstReport, PreprocessError, Progress, verify_against};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -31,18 +29,7 @@ pub(super) struct Verify {
     #[arg(long, value_name = "INPUT")]
     against: Option<PathBuf>,
     #[command(flatten)]
-    raw: RawArgs,
-    #[command(flatten)]
-    series: SeriesArgs,
-    /// Threads that compare bricks [default: one for each core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Own memory to use at most while comparing, pages of mapped files apart
-    #[arg(long, value_name = "SIZE", value_parser = parse::size, default_value = "512MiB")]
-    memory: u64,
-    /// Folder of scratch files [default: the system's for temporary files]
-    #[arg(long, value_name = "DIR")]
-    scratch: Option<PathBuf>,
+    how: AgainstArgs,
     /// Print JSON (schema octavo.verify/1)
     #[arg(long)]
     json: bool,
@@ -60,12 +47,12 @@ struct VerifyJson {
 }
 
 #[derive(Serialize)]
-struct DamagedJson {
-    level: u8,
-    x: u64,
-    y: u64,
-    z: u64,
-    what: String,
+pub(super) struct DamagedJson {
+    pub(super) level: u8,
+    pub(super) x: u64,
+    pub(super) y: u64,
+    pub(super) z: u64,
+    pub(super) what: String,
 }
 
 impl From<&DamagedNode> for DamagedJson {
@@ -82,6 +69,7 @@ impl Verify {
             Err(
                 error @ (StoreError::Database { .. }
                 | StoreError::MetadataDamaged { .. }
+                | StoreError::Length { .. }
                 | StoreError::Damaged { .. }
                 | StoreError::Incomplete { .. }),
             ) => {
@@ -97,22 +85,7 @@ impl Verify {
             Err(other) => return Err(other.into()),
         };
         // The source is opened first: a wrong path should not cost the wait.
-        let source = self.against.as_ref().map(|path| {
-            let mut options = self.raw.source_options(Some(&self.series));
-            // Of a series, the volume that the store was made from.
-            let recorded = |name| store.metadata().options.get(name)?.as_u64();
-            options.time = options.time.or_else(|| recorded("time"));
-            options.channel = options.channel.or_else(|| recorded("channel"));
-            if path.is_dir() && options.series.is_none() {
-                let series = store.metadata().options.get("series");
-                options.series = series.and_then(|uid| uid.as_str()).map(str::to_owned);
-            }
-            if path.extension().is_some_and(|extension| extension == "raw") {
-                assume_store(&mut options, path, &store);
-            }
-            Source::open(path, &options)
-        });
-        let source = source.transpose()?;
+        let source = self.against.as_ref().map(|path| self.how.open(path, &store)).transpose()?;
         let bar = Bar::new("checking", store.geometry().bricks());
         let report = verify(&store, || {
             bar.bricks_done(1);
@@ -125,13 +98,7 @@ impl Verify {
         let mut totals_differ = None;
         if let Some(source) = source {
             let bar = Bar::new("comparing", store.geometry().bricks());
-            let defaults = ConvertOptions::default();
-            let how = ConvertOptions {
-                threads: self.threads.map_or(defaults.threads, usize::from),
-                memory_bytes: self.memory,
-                scratch: self.scratch.clone(),
-                ..defaults
-            };
+            let how = self.how.options();
             let measured = verify_against(&store, source, &how, &bar);
             bar.finish();
             let measured = measured?;
@@ -207,18 +174,5 @@ impl Verify {
             let damaged = found.damaged.len();
             writeln!(out, "{path}: NOT WHOLE: {checked} bricks checked, {damaged} damaged")
         }
-    }
-}
-
-/// A raw file that says nothing of itself is assumed to be what the store was made from.
-fn assume_store(options: &mut preprocess::SourceOptions, path: &std::path::Path, store: &Store) {
-    let named = preprocess::source::RawName::parse(path).is_some();
-    if !named {
-        // It was smaller where the store was enlarged from it.
-        let factor = store.metadata().options.get("upscale").and_then(serde_json::Value::as_u64);
-        let factor = factor.unwrap_or(1).max(1);
-        let dims_xyz = store.metadata().dims_xyz.map(|n| n / factor);
-        options.dims_xyz = options.dims_xyz.or(Some(dims_xyz));
-        options.sample_type = options.sample_type.or(Some(store.metadata().sample_type));
     }
 }

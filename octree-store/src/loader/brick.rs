@@ -125,7 +125,7 @@ impl Store {
         record: &NodeRecord,
         scratch: &mut BrickScratch,
     ) -> Result<Brick, StoreError> {
-        if record.state != BrickState::Stored {
+        if !matches!(record.state, BrickState::Stored | BrickState::Lost) {
             let what = "a payload was asked for where it has none";
             return Err(self.damaged(record.key, Damage::Tree { what }));
         }

@@ -321,7 +321,7 @@ fn fetch(
         if stop.load(Ordering::Relaxed) {
             break;
         }
-        if record.state == BrickState::Stored {
+        if matches!(record.state, BrickState::Stored | BrickState::Lost) {
             match source.brick(record, scratch) {
                 Ok(brick) => fetched.bricks.push((*record, brick)),
                 Err(error) => fetched.errors.push((record.key, error)),

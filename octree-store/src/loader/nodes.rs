@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// What refinement must know of one node. Values are in source units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeSummary {
-    /// Stored, uniform or empty.
+    /// Stored, uniform or empty; a lost brick counts as stored.
     pub state: BrickState,
     /// The values of the texels 0 and 1 of its brick as it is uploaded; of a uniform or empty brick, its value twice.
     pub texel_range: [f64; 2],
@@ -36,11 +36,17 @@ impl NodeSummary {
     pub fn of(record: &NodeRecord, metadata: &Metadata) -> Self {
         let texel_range = match record.state {
             BrickState::Stored => texel_range(record, metadata),
+            BrickState::Lost => [record.brick_min, record.brick_max],
             BrickState::Uniform => [record.brick_min; 2],
             BrickState::Empty => [metadata.empty_value; 2],
         };
+        // A lost brick is asked for as a stored one is, and found damaged: what stands above is shown in its place.
+        let state = match record.state {
+            BrickState::Lost => BrickState::Stored,
+            state => state,
+        };
         Self {
-            state: record.state,
+            state,
             texel_range,
             subtree_range: [record.subtree_min, record.subtree_max],
             lod_rms_bound: record.lod_rms_bound,

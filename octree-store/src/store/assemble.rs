@@ -7,7 +7,7 @@
 
 use super::reader::{BrickScratch, Store};
 use crate::encoding::words::buffer;
-use crate::error::StoreError;
+use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
 use crate::record::{BrickState, NodeRecord};
@@ -123,6 +123,7 @@ impl Store {
             BrickState::Uniform => core.fill(T::from_f64(record.brick_min)),
             BrickState::Empty => core.fill(T::from_f64(self.metadata().empty_value)),
             BrickState::Stored => self.decode_stored(record, scratch, core)?,
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
         }
         Ok(())
     }

@@ -7,16 +7,21 @@
 
 mod assemble;
 mod committer;
+mod finish;
 mod guard;
 mod index_backend;
+mod mend;
 mod open;
 mod payload_file;
 mod reader;
+mod records;
+mod remains;
 mod superblock;
 mod tables;
 mod texels;
 mod writer;
 
+pub use mend::Mender;
 pub use open::OpenOptions;
 pub use reader::{BrickScratch, Children, Store};
 pub use writer::{Committed, StoreWriter};

@@ -3,14 +3,20 @@
 use super::guard::guard;
 use super::index_backend::IndexBackend;
 use super::reader::Store;
+use super::records::Records;
 use super::superblock::{Superblock, SuperblockError};
 use super::tables::ReadTables;
 use crate::error::StoreError;
-use crate::metadata::{FORMAT_VERSION, Metadata, MetadataError};
+use crate::metadata::{FORMAT_VERSION, FRAME_BYTES, Metadata, MetadataError};
+use crate::record::NodeRecord;
 use redb::Builder;
 use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
+
+/// More than the metadata of any volume: what is longer is none.
+pub(super) const MOST_METADATA_BYTES: u64 = 1 << 20;
 
 /// How to open a store for reading.
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +56,9 @@ impl OpenOptions {
                 StoreError::NotAStore { path: path.to_owned(), found }
             }
             SuperblockError::Newer(found) => newer(path, found),
+            SuperblockError::Features(found) => {
+                StoreError::UnknownFeatures { path: path.to_owned(), found }
+            }
             SuperblockError::Damaged(what) => metadata_damaged(what.into()),
         })?;
         if superblock.index_offset == 0 {
@@ -68,7 +77,7 @@ impl OpenOptions {
         })
         .map_err(|failure| failure.at(path))?;
         let tables = ReadTables::open(&database).map_err(|failure| failure.at(path))?;
-        let bytes =
+        let mut bytes =
             tables.metadata().map_err(|failure| failure.at(path))?.ok_or_else(incomplete)?;
         let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
             MetadataError::Newer(found) => newer(path, found),
@@ -78,11 +87,50 @@ impl OpenOptions {
             return Err(incomplete());
         }
         let geometry = metadata.geometry().map_err(|error| metadata_damaged(error.to_string()))?;
-        let path = path.to_owned();
-        Ok(Store { path, file, payload_bytes, metadata, geometry, tables, _database: database })
+        // Whoever goes through all bricks must not go on for ever.
+        if geometry.bricks() > index_bytes / NodeRecord::BYTES as u64 {
+            return Err(metadata_damaged(
+                "it speaks of more bricks than the index can hold".into(),
+            ));
+        }
+        Ok(Store {
+            path: path.to_owned(),
+            file,
+            superblock: Some(superblock),
+            payload_bytes,
+            json: bytes.split_off(FRAME_BYTES),
+            metadata,
+            geometry,
+            records: Records::Index { tables: Box::new(tables), _database: database },
+        })
     }
 }
 
-fn newer(path: &Path, found: u32) -> StoreError {
+impl Store {
+    /// The metadata as they are stored.
+    pub(crate) fn metadata_json(&self) -> &[u8] {
+        &self.json
+    }
+
+    /// Whether the copy of the metadata between payloads and index is what it should be. Version 0 had none.
+    pub(crate) fn copy_is_whole(&self) -> Result<bool, StoreError> {
+        let Some(superblock) = self.superblock else { return Ok(false) };
+        let (begin, end) = (superblock.copy_offset(), superblock.index_offset);
+        if superblock.version == 0 || end - begin > MOST_METADATA_BYTES {
+            return Ok(superblock.version == 0);
+        }
+        let mut bytes = vec![0; (end - begin) as usize];
+        self.file
+            .read_exact_at(&mut bytes, begin)
+            .map_err(|source| StoreError::Io { path: self.path.clone(), source })?;
+        let length = (FRAME_BYTES + self.json.len()).min(bytes.len());
+        let (frame, zeros) = bytes.split_at(length);
+        Ok(frame.get(FRAME_BYTES..) == Some(&self.json)
+            && Metadata::from_bytes(frame).is_ok()
+            && zeros.iter().all(|byte| *byte == 0))
+    }
+}
+
+pub(super) fn newer(path: &Path, found: u32) -> StoreError {
     StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
 }

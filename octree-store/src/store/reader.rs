@@ -2,18 +2,17 @@
 
 use super::guard::Failure;
 use super::open::OpenOptions;
-use super::superblock::SUPERBLOCK_BYTES;
-use super::tables::ReadTables;
+use super::records::Records;
+use super::superblock::{SUPERBLOCK_BYTES, Superblock};
 use crate::encoding::decode::{DecodeScratch, Decoding};
 use crate::encoding::payload;
 use crate::error::{Damage, StoreError};
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
-use crate::metadata::Metadata;
+use crate::metadata::{FORMAT_VERSION, Metadata};
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::{Sample, SampleBuffer};
 use crate::with_sample_type;
-use redb::ReadOnlyDatabase;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -54,13 +53,15 @@ impl Children {
 pub struct Store {
     pub(super) path: PathBuf,
     pub(super) file: Arc<File>,
+    /// Its first page, if that is whole.
+    pub(super) superblock: Option<Superblock>,
     /// Bytes of the payload stream.
     pub(super) payload_bytes: u64,
     pub(super) metadata: Metadata,
+    /// The metadata as they are stored.
+    pub(super) json: Vec<u8>,
     pub(super) geometry: Geometry,
-    pub(super) tables: ReadTables,
-    /// What the tables read from.
-    pub(super) _database: ReadOnlyDatabase,
+    pub(super) records: Records,
 }
 
 impl std::fmt::Debug for Store {
@@ -86,6 +87,11 @@ impl Store {
     /// What the volume is and how it was converted.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
+    }
+
+    /// The version of the format in which it was written; the present one where a damaged store no longer says.
+    pub fn format_version(&self) -> u32 {
+        self.superblock.map_or(FORMAT_VERSION, |superblock| superblock.version)
     }
 
     /// The volume's folding into bricks.
@@ -116,7 +122,7 @@ impl Store {
         }
         if parent.level() > 0 {
             let group =
-                self.tables.nodes(parent.to_u64()).map_err(|failure| self.at(parent, failure))?;
+                self.records.nodes(parent.to_u64()).map_err(|failure| self.at(parent, failure))?;
             for (octant, child) in parent.children().into_iter().enumerate() {
                 if self.geometry.contains(child) {
                     let group =
@@ -148,7 +154,7 @@ impl Store {
         let mut outcome = Ok(());
         let mut visited = 0;
         let mut stopped = false;
-        let read = self.tables.visit_nodes(first..=last, |parent, group| {
+        let read = self.records.visit_nodes(first..=last, |parent, group| {
             let Some(parent) = NodeKey::from_u64(parent) else { return true };
             for child in parent.children() {
                 if !self.geometry.contains(child) {
@@ -249,6 +255,7 @@ impl Store {
                 self.decode_stored(record, scratch, samples)?;
             }
             BrickState::Stored => self.place_core(record, scratch, samples)?,
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
         }
         Ok(())
     }
@@ -285,7 +292,7 @@ impl Store {
     /// The bytes of the records of a node and its siblings.
     pub(super) fn siblings(&self, key: NodeKey) -> Result<Vec<u8>, StoreError> {
         let group =
-            self.tables.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
+            self.records.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
         group.ok_or_else(|| self.damaged(key, Damage::RecordMissing))
     }
 
@@ -348,6 +355,9 @@ impl Store {
         payload: &mut Vec<u8>,
     ) -> Result<(), StoreError> {
         let PayloadPlace { stream, offset, length } = record.place;
+        if record.state == BrickState::Lost {
+            return Err(self.damaged(record.key, Damage::Lost));
+        }
         // What a damaged record asks for must not be allocated before it is there.
         let end = offset.checked_add(u64::from(length)).filter(|end| *end <= self.payload_bytes);
         let limit = 2 * self.geometry.brick_samples() * self.metadata.sample_type.bytes() + 1024;

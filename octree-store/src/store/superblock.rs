@@ -15,6 +15,8 @@ pub(crate) const SUPERBLOCK_BYTES: u64 = 4096;
 const MAGIC: [u8; 8] = *b"OCTAVO\r\n";
 /// Bytes that are in use, checksum included.
 const USED: usize = 48;
+/// Features that a reader must know, a bit each: this version has none of them.
+const KNOWN_FEATURES: u32 = 0;
 
 /// Where a store's parts are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -38,13 +40,15 @@ pub(crate) enum SuperblockError {
     NotAStore(&'static str),
     /// Its layout is newer.
     Newer(u32),
+    /// It needs features that this version has not.
+    Features(u32),
     /// It is the first page of a store, and wrong.
     Damaged(&'static str),
 }
 
 impl Superblock {
-    /// The place of an index that follows so many bytes of payload: the next whole page.
-    pub(crate) fn index_offset_after(payload_bytes: u64) -> u64 {
+    /// Where the first whole page begins after so many bytes of payload: there lies the copy of the metadata.
+    pub(crate) fn end_of_payloads(payload_bytes: u64) -> u64 {
         (SUPERBLOCK_BYTES + payload_bytes).next_multiple_of(SUPERBLOCK_BYTES)
     }
 
@@ -96,6 +100,10 @@ impl Superblock {
         if version > FORMAT_VERSION {
             return Err(SuperblockError::Newer(version));
         }
+        let unknown = u32_at(12) & !KNOWN_FEATURES;
+        if unknown != 0 {
+            return Err(SuperblockError::Features(unknown));
+        }
         Ok(Self {
             version,
             payload_bytes: u64_at(16),
@@ -104,11 +112,17 @@ impl Superblock {
         })
     }
 
+    /// Where the copy of the metadata begins, in a store that has one: the first page behind the payloads.
+    pub(crate) fn copy_offset(&self) -> u64 {
+        Self::end_of_payloads(self.payload_bytes.min(u64::MAX >> 1))
+    }
+
     /// Whether the parts lie where the file's length puts them.
     pub(crate) fn fits(&self, file_bytes: u64) -> bool {
         self.index_offset.checked_add(self.index_bytes) == Some(file_bytes)
             && self.payload_bytes <= self.index_offset
-            && Self::index_offset_after(self.payload_bytes) == self.index_offset
+            && Self::end_of_payloads(self.payload_bytes) <= self.index_offset
+            && self.index_offset.is_multiple_of(SUPERBLOCK_BYTES)
     }
 }
 
@@ -125,11 +139,15 @@ mod tests {
     #[test]
     fn it_reads_as_written_and_shows_any_change() {
         let written =
-            Superblock { payload_bytes: 70_000, index_offset: 77_824, index_bytes: 9, version: 0 };
+            Superblock { payload_bytes: 70_000, index_offset: 81_920, index_bytes: 9, version: 1 };
         let bytes = written.to_bytes();
         assert_eq!(Superblock::read(&file_of(&bytes)).unwrap(), written);
-        assert!(written.fits(77_833) && !written.fits(77_832));
-        assert_eq!(Superblock::index_offset_after(70_000), 77_824);
+        assert!(written.fits(81_929) && !written.fits(81_928));
+        assert_eq!(Superblock::end_of_payloads(70_000), 77_824);
+        for index_offset in [77_823, 73_728, 80_000] {
+            let moved = Superblock { index_offset, ..written };
+            assert!(!moved.fits(index_offset + 9), "{index_offset}");
+        }
         for at in 0..USED {
             let mut changed = bytes;
             changed[at] ^= 4;
@@ -149,5 +167,15 @@ mod tests {
     fn a_later_layout_is_told_from_a_damaged_one() {
         let bytes = Superblock { version: FORMAT_VERSION + 1, ..Superblock::default() }.to_bytes();
         assert!(matches!(Superblock::read(&file_of(&bytes)), Err(SuperblockError::Newer(_))));
+    }
+
+    #[test]
+    fn a_feature_that_must_be_known_and_is_not_is_refused() {
+        let mut bytes = Superblock::unfinished().to_bytes();
+        bytes[14] = 1;
+        let checksum = XxHash3_64::oneshot(&bytes[..40]);
+        bytes[40..USED].copy_from_slice(&checksum.to_le_bytes());
+        let read = Superblock::read(&file_of(&bytes));
+        assert!(matches!(read, Err(SuperblockError::Features(0x1_0000))), "{read:?}");
     }
 }

@@ -117,6 +117,32 @@ pub(super) struct Group {
     pub(super) progress: Vec<u8>,
 }
 
+/// Calls `visit` with (parent, records) in key order: of groups that were `committed` to a work index, and of
+/// `last`, in key order too, which no commit has taken.
+pub(super) fn visit_all(
+    committed: Option<&ReadTables>,
+    last: &[Group],
+    mut visit: impl FnMut(u64, &[u8]) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let mut last = last.iter().peekable();
+    let mut outcome = Ok(());
+    if let Some(committed) = committed {
+        committed.visit_nodes(0..=u64::MAX, |parent, records| {
+            while let Some(group) = last.next_if(|group| group.parent < parent)
+                && outcome.is_ok()
+            {
+                outcome = visit(group.parent, &group.records);
+            }
+            if outcome.is_ok() {
+                outcome = visit(parent, records);
+            }
+            outcome.is_ok()
+        })?;
+    }
+    outcome?;
+    last.try_for_each(|group| visit(group.parent, &group.records))
+}
+
 /// One write transaction; nothing is durable before [`WriteTables::commit`].
 pub(super) struct WriteTables(WriteTransaction);
 
@@ -151,37 +177,16 @@ impl WriteTables {
         })
     }
 
-    /// Writes groups of records in key order: those that were `committed` to a work index, and `last`, which
-    /// no commit has taken. `seen` gets the records of each.
+    /// Writes groups of records in key order, as [`visit_all`] gives them.
     pub(super) fn copy_nodes(
         &self,
         committed: Option<&ReadTables>,
-        mut last: Vec<Group>,
-        mut seen: impl FnMut(&[u8]) -> Result<(), Failure>,
+        last: &[Group],
     ) -> Result<(), Failure> {
-        last.sort_unstable_by_key(|group| group.parent);
-        let mut last = last.into_iter().peekable();
         let mut nodes = guard(|| self.0.open_table(NODES))?;
-        let mut insert = |parent: u64, records: &[u8]| {
-            seen(records)?;
+        visit_all(committed, last, |parent, records| {
             guard(|| nodes.insert(parent, records).map(drop))
-        };
-        let mut outcome = Ok(());
-        if let Some(committed) = committed {
-            committed.visit_nodes(0..=u64::MAX, |parent, records| {
-                while let Some(group) = last.next_if(|group| group.parent < parent)
-                    && outcome.is_ok()
-                {
-                    outcome = insert(group.parent, &group.records);
-                }
-                if outcome.is_ok() {
-                    outcome = insert(parent, records);
-                }
-                outcome.is_ok()
-            })?;
-        }
-        outcome?;
-        last.try_for_each(|group| insert(group.parent, &group.records))
+        })
     }
 
     pub(super) fn set_metadata(&self, bytes: &[u8]) -> Result<(), Failure> {

@@ -2,7 +2,7 @@
 
 use super::reader::{BrickScratch, Store};
 use crate::encoding::{Upload, UploadFormat, ValueMap};
-use crate::error::StoreError;
+use crate::error::{Damage, StoreError};
 use crate::record::{BrickState, NodeRecord};
 use crate::sample::Sample;
 use crate::with_sample_type;
@@ -48,6 +48,7 @@ impl Store {
         match record.state {
             BrickState::Uniform => return Ok(constant(record.brick_min)),
             BrickState::Empty => return Ok(constant(self.metadata().empty_value)),
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
             BrickState::Stored => {}
         }
         with_sample_type!(self.metadata().sample_type, T => self.decoding().value_map::<T>(record))
@@ -92,6 +93,7 @@ impl Store {
         match record.state {
             BrickState::Uniform => samples.fill(T::from_f64(record.brick_min)),
             BrickState::Empty => samples.fill(T::from_f64(self.metadata().empty_value)),
+            BrickState::Lost => return Err(self.damaged(record.key, Damage::Lost)),
             BrickState::Stored => self
                 .decoding()
                 .recode(record, &mut scratch.decode, samples)

@@ -1,18 +1,16 @@
 //! Writing a store: payloads to the file, records to a work index beside it, and both put together
-//! at the end.
+//! at the end (`finish.rs`).
 
 use super::committer::{Commit, Committer};
+use super::finish::AllRecords;
 use super::guard::{Failure, guard};
-use super::index_backend::IndexBackend;
 use super::payload_file::PayloadFile;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock};
-use super::tables::{Group, ReadTables, WriteTables};
-use crate::digest::Digest;
+use super::tables::{Group, ReadTables};
 use crate::error::StoreError;
 use crate::key::NodeKey;
 use crate::metadata::Metadata;
 use crate::record::{NodeRecord, PayloadPlace};
-use crate::summary::Summary;
 use redb::{Builder, Database};
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -21,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// redb's page cache while writing; records are small, and come nearly in order.
-const WRITER_CACHE_BYTES: usize = 8 << 20;
+pub(super) const WRITER_CACHE_BYTES: usize = 8 << 20;
 
 /// Writes one store from beginning to end.
 ///
@@ -262,7 +260,7 @@ impl StoreWriter {
         self.committer.wait()
     }
 
-    /// Sums up the records, writes the index behind the payloads, and marks the store complete.
+    /// Sums up the records, writes metadata and index behind the payloads, and marks the store complete.
     /// Returns the metadata as written: with levels, errors and digest. The work index stays: it is
     /// of no use once the store has its final name.
     ///
@@ -272,65 +270,24 @@ impl StoreWriter {
         self.payloads.flush().map_err(|source| io_at(&self.path, source))?;
         // What no commit has taken does not go into the work index: records there that its state does
         // not count would mislead one who resumes after a kill in here.
-        let Self { path, work_path, file, payloads, committer, groups, .. } = self;
+        let Self { path, work_path, file, payloads, committer, mut groups, .. } = self;
         let payload_bytes = payloads.bytes();
         let work = committer.finish()?;
-        let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
-            path: path.clone(),
-            what: error.to_string(),
-        })?;
-        let index_offset = Superblock::index_offset_after(payload_bytes);
-        file.set_len(index_offset).map_err(|source| io_at(&path, source))?;
-        let index = IndexBackend::writing(Arc::clone(&file), index_offset);
-        let mut index =
-            guard(|| Builder::new().set_cache_size(WRITER_CACHE_BYTES).create_with_backend(index))
-                .map_err(|failure| failure.at(&path))?;
-        let mut summary = Summary::new(&geometry, &metadata);
-        let mut digest = Digest::default();
+        groups.sort_unstable_by_key(|group| group.parent);
         let committed = ReadTables::open_begun(&work).map_err(|failure| failure.at(&work_path))?;
-        let transaction = WriteTables::begin(&index).map_err(|failure| failure.at(&path))?;
-        let write = || {
-            transaction.copy_nodes(committed.as_ref(), groups, |group| {
-                for bytes in group.chunks(NodeRecord::BYTES) {
-                    let record = NodeRecord::from_bytes(bytes).ok_or_else(|| {
-                        Failure::Corrupt("the work index holds a record that is damaged".into())
-                    })?;
-                    summary.add(&record);
-                    digest.add(&record);
-                }
-                Ok(())
-            })?;
-            summary.write_into(&mut metadata);
-            metadata.complete = true;
-            metadata.digest = digest.finish(&metadata);
-            let bytes = metadata.to_bytes();
-            transaction.set_metadata(&bytes)?;
-            transaction.commit()?;
-            guard(|| {
-                index.compact()?;
-                Ok::<_, redb::Error>(index.close()?)
-            })?;
-            Ok::<_, Failure>(bytes)
+        let rest = AllRecords {
+            path: &path,
+            work_path: &work_path,
+            committed: committed.as_ref(),
+            groups,
         };
-        let bytes = write().map_err(|failure| failure.at(&path))?;
-        // A store that cannot be read again must not become complete.
-        if let Err(error) = Metadata::from_bytes(&bytes) {
-            return Err(StoreError::MetadataDamaged { path, what: error.to_string() });
-        }
-        // Everything that the first page speaks of is durable before it does.
-        let complete = || {
-            file.sync_all()?;
-            let index_bytes = file.metadata()?.len() - index_offset;
-            let version = Superblock::unfinished().version;
-            Superblock { version, payload_bytes, index_offset, index_bytes }.write(&file)?;
-            file.sync_all()
-        };
-        complete().map_err(|source| io_at(&path, source))?;
+        let frame = rest.sum_up(&mut metadata)?;
+        rest.write_behind(&file, payload_bytes, &frame)?;
         Ok(metadata)
     }
 }
 
-fn io_at(path: &Path, source: io::Error) -> StoreError {
+pub(super) fn io_at(path: &Path, source: io::Error) -> StoreError {
     StoreError::Io { path: path.to_owned(), source }
 }
 

@@ -9,9 +9,9 @@ use octree_store::{BrickState, ErrorSum, NodeKey, NodeRecord, Sample};
 
 /// Encodes bricks, from many threads at once.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct BrickEncoder<'a> {
-    pub(super) format: BrickFormat,
-    pub(super) rules: &'a ValueRules,
+pub(crate) struct BrickEncoder<'a> {
+    pub(crate) format: BrickFormat,
+    pub(crate) rules: &'a ValueRules,
 }
 
 /// What a conversion does to values before they are encoded.
@@ -46,10 +46,10 @@ impl ValueRules {
 
 /// A brick that is ready to be written, but for what its descendants say.
 #[derive(Debug)]
-pub(super) struct BrickOutput {
-    pub(super) record: NodeRecord,
+pub(crate) struct BrickOutput {
+    pub(crate) record: NodeRecord,
     /// The source's values, at level 0.
-    pub(super) values: Option<BrickValues>,
+    pub(crate) values: Option<BrickValues>,
 }
 
 impl<T: Sample> Visitor<T> for BrickEncoder<'_> {

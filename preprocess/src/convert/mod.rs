@@ -12,11 +12,12 @@ mod resume;
 mod tree;
 mod write;
 
-pub(crate) use brick::ValueRules;
+pub(crate) use brick::{BrickEncoder, BrickOutput, ValueRules};
 pub use output::Start;
-pub(crate) use output::check_place;
+pub(crate) use output::{Output, check_place};
 pub(crate) use plan::folder_of;
 pub use plan::{ConversionPlan, PlannedLevel};
+pub(crate) use tree::Tree;
 
 use crate::error::PreprocessError;
 use crate::memory::PeakMemory;
@@ -24,13 +25,11 @@ use crate::progress::Progress;
 use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
-use brick::BrickEncoder;
 use octree_store::encoding::BrickFormat;
 use octree_store::{
     DownsampleFilter, Effort, Encoding, Metadata, OverlapAtRest, Region, Sample, SampleType,
     StoreError, StoreWriter, with_sample_type,
 };
-use output::Output;
 use resume::{Kept, State};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -137,7 +136,7 @@ impl ConvertOptions {
         self.value_rules(sample_type).map(drop)
     }
 
-    fn brick_format(&self) -> BrickFormat {
+    pub(crate) fn brick_format(&self) -> BrickFormat {
         let cut_overlap =
             (self.overlap_at_rest == OverlapAtRest::Assembled).then_some(self.brick_overlap);
         BrickFormat { encoding: self.encoding, effort: self.effort, cut_overlap }

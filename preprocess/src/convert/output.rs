@@ -22,20 +22,22 @@ pub enum Start {
     Replace,
     /// Unfinished work is gone on with, where there is any.
     Resume,
+    /// An existing output is replaced at the end; unfinished work is refused.
+    Mend,
 }
 
 /// An output in the making; what it made is removed unless it is finished or kept.
 #[derive(Debug)]
-pub(super) struct Output {
+pub(crate) struct Output {
     path: PathBuf,
     /// The store in the making.
-    pub(super) partial: PathBuf,
+    pub(crate) partial: PathBuf,
     /// Its records.
-    pub(super) index: PathBuf,
+    pub(crate) index: PathBuf,
     /// The slots of the windows.
-    pub(super) scratch: PathBuf,
+    pub(crate) scratch: PathBuf,
     /// Whether there is earlier work to go on with.
-    pub(super) resumes: bool,
+    pub(crate) resumes: bool,
     /// Whether the files are ours to remove.
     made: bool,
     /// `OUT.partial`, locked.
@@ -61,7 +63,7 @@ pub(crate) fn check_place(path: &Path, sources: &[PathBuf]) -> Result<(), Prepro
 
 impl Output {
     /// Takes an output and looks at what is there already. `sources` must not be the output.
-    pub(super) fn prepare(
+    pub(crate) fn prepare(
         path: &Path,
         sources: &[PathBuf],
         scratch_folder: Option<&Path>,
@@ -69,7 +71,12 @@ impl Output {
     ) -> Result<Self, PreprocessError> {
         check_place(path, sources)?;
         let exists = || PreprocessError::Exists { path: path.to_owned() };
-        if path.exists() && !(start == Start::Resume || start == Start::Replace && path.is_file()) {
+        let expected = match start {
+            Start::Fresh => false,
+            Start::Resume => true,
+            Start::Replace | Start::Mend => path.is_file(),
+        };
+        if path.exists() && !expected {
             return Err(exists());
         }
         let partial = with_ending(path, ".partial");
@@ -92,7 +99,7 @@ impl Output {
                 output.remove_work()?;
                 return Err(exists());
             }
-            (Start::Fresh, Some(left)) => {
+            (Start::Fresh | Start::Mend, Some(left)) => {
                 if !begun {
                     remove(&output.partial).map_err(|source| at(&left, source))?;
                 }
@@ -106,12 +113,12 @@ impl Output {
     }
 
     /// The locked file of the store in the making.
-    pub(super) fn file(&self) -> Result<File, PreprocessError> {
+    pub(crate) fn file(&self) -> Result<File, PreprocessError> {
         self.file.try_clone().map_err(|source| at(&self.partial, source))
     }
 
     /// Empties what earlier work has left; from now on the files are ours.
-    pub(super) fn start_over(&mut self) -> Result<(), PreprocessError> {
+    pub(crate) fn start_over(&mut self) -> Result<(), PreprocessError> {
         self.resumes = false;
         self.made = true;
         for file in [&self.index, &self.scratch] {
@@ -129,12 +136,12 @@ impl Output {
     }
 
     /// Says that the files stay for one who resumes.
-    pub(super) fn keep(&mut self) {
+    pub(crate) fn keep(&mut self) {
         self.made = false;
     }
 
     /// The scratch file, with room for so many bytes; a new one unless work is resumed.
-    pub(super) fn open_scratch(&self, bytes: u64) -> Result<File, PreprocessError> {
+    pub(crate) fn open_scratch(&self, bytes: u64) -> Result<File, PreprocessError> {
         let refuse = |what| Err(PreprocessError::CannotResume { path: self.scratch.clone(), what });
         let open = || -> io::Result<(File, u64)> {
             let mut options = OpenOptions::new();
@@ -161,7 +168,7 @@ impl Output {
     }
 
     /// Gives the finished store its name, in one step, and removes what was needed on the way.
-    pub(super) fn finish(&mut self) -> Result<(), PreprocessError> {
+    pub(crate) fn finish(&mut self) -> Result<(), PreprocessError> {
         let ours = [&self.index, &self.scratch].map(|file| identity(file));
         let rename = || {
             fs::rename(&self.partial, &self.path)?;

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 
 /// Nodes whose children have come, and which have not come themselves.
 #[derive(Debug)]
-pub(super) struct Tree {
+pub(crate) struct Tree {
     geometry: Geometry,
     empty_value: f64,
     pending: HashMap<NodeKey, Beneath>,
@@ -16,7 +16,7 @@ pub(super) struct Tree {
 
 /// What the children of a node add up to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Beneath {
+pub(crate) struct Beneath {
     min: f64,
     max: f64,
     /// RMS over children of (bound + step), weighted by their level-0 voxels.
@@ -26,10 +26,10 @@ pub(super) struct Beneath {
 
 impl Beneath {
     /// Bytes of [`Beneath::to_bytes`].
-    pub(super) const BYTES: usize = 56;
+    pub(crate) const BYTES: usize = 56;
 
     /// The numbers as bytes, for one who resumes.
-    pub(super) fn to_bytes(self) -> Vec<u8> {
+    pub(crate) fn to_bytes(self) -> Vec<u8> {
         let Self { min, max, lod_rms, lod_amax } = self;
         let [scale, sum, error, weight] = lod_rms.to_parts();
         [min, max, scale, sum, error, weight, lod_amax]
@@ -39,7 +39,7 @@ impl Beneath {
     }
 
     /// The numbers of these bytes.
-    pub(super) fn from_bytes(bytes: &[u8; Self::BYTES]) -> Self {
+    pub(crate) fn from_bytes(bytes: &[u8; Self::BYTES]) -> Self {
         let mut v = [0.0; Self::BYTES / 8];
         for (v, bytes) in v.iter_mut().zip(bytes.as_chunks::<8>().0) {
             *v = f64::from_le_bytes(*bytes);
@@ -56,7 +56,7 @@ fn bounded(bound: f64) -> f64 {
 }
 
 impl Tree {
-    pub(super) fn new(
+    pub(crate) fn new(
         geometry: Geometry,
         empty_value: f64,
         pending: HashMap<NodeKey, Beneath>,
@@ -66,7 +66,7 @@ impl Tree {
 
     /// Completes the records of an octet; says, and keeps, what their parent will need. There is none
     /// above the top level.
-    pub(super) fn complete(
+    pub(crate) fn complete(
         &mut self,
         octet: &[Visited<BrickOutput>],
     ) -> (Vec<NodeRecord>, Option<Beneath>) {

@@ -25,7 +25,8 @@ pub(super) async fn info(
     conditions: Conditions,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let info = InfoJson::new(&named.dataset.metadata, named.dataset.file_bytes);
+    let dataset = &named.dataset;
+    let info = InfoJson::new(&dataset.metadata, dataset.format_version, dataset.file_bytes);
     Ok(Answer::json(&info)?.lasting(named.lifetime()).to(&conditions))
 }
 

@@ -1,5 +1,6 @@
 //! What `--report` holds, and `--json` prints.
 
+use octree_store::FORMAT_VERSION;
 use octree_store::info_json::InfoJson;
 use preprocess::Conversion;
 use serde::Serialize;
@@ -29,7 +30,7 @@ impl<'a> Report<'a> {
     pub(super) fn of(done: &'a Conversion) -> Self {
         let voxels: u64 = done.metadata.dims_xyz.iter().product();
         Self {
-            info: InfoJson::new(&done.metadata, done.file_bytes),
+            info: InfoJson::new(&done.metadata, FORMAT_VERSION, done.file_bytes),
             threads: done.plan.threads,
             instruction_set: octree_store::instruction_set(),
             total_secs: done.total_secs,

@@ -1,0 +1,73 @@
+//! `octavo salvage`: what is whole of a damaged store, in a new one.
+
+use super::print_json;
+use super::verify::DamagedJson;
+use crate::exit::Answer;
+use crate::progress::Bar;
+use clap::Args;
+use octree_store::{OpenOptions, Salvaged};
+use preprocess::{Start, salvage};
+use serde::Serialize;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Copy what is whole of a damaged store into a new one, and list what is not
+///
+/// The new store knows which bricks are lost: to read one is an error, and pictures show the coarser level in its
+/// place. 'octavo repair' can make them anew where the source is found. Exit code 1 if anything is lost.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  \
+    octavo salvage damaged.octavo -o saved.octavo --json")]
+pub(super) struct Salvage {
+    /// The damaged store
+    store: PathBuf,
+    /// The new store
+    #[arg(short, long, value_name = "OUT.octavo")]
+    output: PathBuf,
+    /// Replace an existing output
+    #[arg(long)]
+    force: bool,
+    /// Print JSON (schema octavo.salvage/1)
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct SalvageJson<'a> {
+    schema: &'static str,
+    /// Whether nothing is lost.
+    ok: bool,
+    bricks: u64,
+    lost: Vec<DamagedJson>,
+    digest: &'a str,
+}
+
+impl Salvage {
+    pub(super) fn run(self) -> anyhow::Result<Answer> {
+        let store = OpenOptions::default().open_remains(&self.store)?;
+        let bricks = store.geometry().bricks();
+        let start = if self.force { Start::Replace } else { Start::Fresh };
+        let bar = Bar::new("copying", bricks);
+        let done = salvage(&store, &self.output, start, &bar);
+        bar.finish();
+        let Salvaged { metadata, lost } = done?;
+        let lost: Vec<_> = lost.iter().map(DamagedJson::from).collect();
+        let ok = lost.is_empty();
+        if self.json {
+            let schema = "octavo.salvage/1";
+            print_json(&SalvageJson { schema, ok, bricks, lost, digest: &metadata.digest })?;
+        } else {
+            print(&self.output, bricks, &lost)?;
+        }
+        Ok(if ok { Answer::Done } else { Answer::No })
+    }
+}
+
+fn print(path: &Path, bricks: u64, lost: &[DamagedJson]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    for DamagedJson { level, x, y, z, what } in lost {
+        writeln!(out, "level {level} brick {x},{y},{z} is lost: {what}")?;
+    }
+    let saved = bricks - lost.len() as u64;
+    writeln!(out, "{}: {saved} of {bricks} bricks saved, {} lost", path.display(), lost.len())
+}

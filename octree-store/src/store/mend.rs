@@ -1,0 +1,101 @@
+//! Putting payloads right in a store's file, and telling what else is wrong with it.
+//!
+//! What is written in place is known by the record's checksum to be what was there, and goes where damage is.
+//! So the store is never worse than before, whenever this is interrupted.
+
+use super::reader::Store;
+use super::superblock::SUPERBLOCK_BYTES;
+use super::writer::io_at;
+use crate::error::{Damage, StoreError};
+use crate::record::NodeRecord;
+use std::fs::{File, OpenOptions};
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use twox_hash::XxHash3_128;
+
+/// A store's file, open for putting payloads right.
+#[derive(Debug)]
+pub struct Mender {
+    path: PathBuf,
+    file: File,
+}
+
+impl Mender {
+    /// Opens the file of a store.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let file = OpenOptions::new().write(true).open(path).map_err(|e| io_at(path, e))?;
+        Ok(Self { path: path.to_owned(), file })
+    }
+
+    /// Writes a payload where its record says; false, and nothing done, where it is not the record's.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn write(&self, record: &NodeRecord, payload: &[u8]) -> Result<bool, StoreError> {
+        let the_same = payload.len() == record.place.length as usize
+            && record.place.stream == 0
+            && XxHash3_128::oneshot(payload) == record.payload_checksum;
+        if the_same {
+            let at = SUPERBLOCK_BYTES + record.place.offset;
+            self.file.write_all_at(payload, at).map_err(|source| io_at(&self.path, source))?;
+        }
+        Ok(the_same)
+    }
+
+    /// Makes durable what was written.
+    ///
+    /// # Errors
+    /// When the system refuses.
+    pub fn finish(self) -> Result<(), StoreError> {
+        self.file.sync_all().map_err(|source| io_at(&self.path, source))
+    }
+}
+
+impl Store {
+    /// What is wrong with the file of which this store is what remains
+    /// ([`crate::OpenOptions::open_remains`]), apart from records and payloads: its first page, its index, or the copy
+    /// of its metadata. None where a reader finds all that was found.
+    ///
+    /// # Errors
+    /// When the file cannot be read.
+    pub fn fault_around_records(&self) -> Result<Option<String>, StoreError> {
+        let read = match Self::open(self.path()) {
+            Ok(read) => read,
+            Err(error @ StoreError::Io { .. }) => return Err(error),
+            Err(error) => return Ok(Some(error.to_string())),
+        };
+        let mut any_lost = false;
+        for level in self.geometry.levels() {
+            for key in self.geometry.keys_at(level) {
+                let found = match self.node(key) {
+                    Ok(found) => found,
+                    Err(StoreError::Damaged { .. }) => {
+                        any_lost = true;
+                        continue;
+                    }
+                    Err(other) => return Err(other),
+                };
+                match read.node(key) {
+                    Ok(record) if record == found => {}
+                    Ok(_) => return Ok(Some("its index has other records than were found".into())),
+                    Err(error @ StoreError::Io { .. }) => return Err(error),
+                    Err(error) => return Ok(Some(error.to_string())),
+                }
+            }
+            match read.visit_level(level, |_| true) {
+                Err(StoreError::Damaged { damage: Damage::Database { what }, .. }) => {
+                    return Ok(Some(what));
+                }
+                Err(StoreError::Damaged { .. }) if any_lost => {}
+                Err(error @ StoreError::Io { .. }) => return Err(error),
+                Err(error) => return Ok(Some(error.to_string())),
+                Ok(()) => {}
+            }
+        }
+        let whole = read.copy_is_whole()?;
+        Ok((!whole).then(|| "the copy of its metadata is damaged".into()))
+    }
+}
