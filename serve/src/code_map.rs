@@ -36,7 +36,7 @@ pub(crate) fn block_bytes(store: &Store, block: Block) -> (Vec<u8>, Vec<StoreErr
 fn numbers(store: &Store, record: &NodeRecord) -> Result<[f64; MAP_NUMBERS], StoreError> {
     let map = store.value_map(record)?;
     let (min, max) = match record.state {
-        BrickState::Stored => (record.brick_min, record.brick_max),
+        BrickState::Stored | BrickState::Lost => (record.brick_min, record.brick_max),
         BrickState::Uniform | BrickState::Empty => (map.offset, map.offset),
     };
     Ok([map.scale, map.offset, min, max])

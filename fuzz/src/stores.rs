@@ -1,0 +1,114 @@
+//! Stores and their parts: a read gives what was written or an error that names the brick; what is called whole can be read.
+
+use crate::files::{file, folder};
+use octree_store::encoding::{Coding, Compression, Filter};
+use octree_store::verify::verify;
+use octree_store::{
+    BrickScratch, BrickState, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, Store,
+    StoreError, StoreWriter, encode_samples, with_sample_type,
+};
+use twox_hash::XxHash3_128;
+
+/// Bricks that are read at most.
+const BRICKS: usize = 64;
+/// Samples of a brick that is read.
+const SAMPLES: usize = 1 << 16;
+
+/// A whole file.
+pub fn store(bytes: &[u8]) {
+    let (_folder, path) = file("a.octavo", bytes);
+    let Ok(store) = Store::open(&path) else { return };
+    let geometry = *store.geometry();
+    if geometry.bricks() > 4096 || geometry.brick_samples() > SAMPLES {
+        return;
+    }
+    let whole = matches!(verify(&store, || true), Ok(Some(report)) if report.is_ok());
+    let mut keys: Vec<NodeKey> = Vec::new();
+    for level in geometry.levels() {
+        let [nx, ny, nz] = geometry.grid_at(level);
+        let places = (0..nx * ny * nz).map(|i| [i % nx, i / nx % ny, i / nx / ny]);
+        keys.extend(places.map(|place| NodeKey::new(level, place)));
+    }
+    for key in keys.into_iter().take(BRICKS) {
+        match store.read_brick_samples(key) {
+            Ok((record, samples)) => {
+                assert_eq!(record.key, key);
+                assert_eq!(samples.len(), geometry.brick_samples());
+            }
+            Err(error) => assert!(!whole, "verify said that all is whole: {error}"),
+        }
+    }
+}
+
+/// A brick's payload with a checksum that is right, as one who means harm would make it. Six bytes choose how it is said to be coded.
+pub fn payload(bytes: &[u8]) {
+    let Some((&[sort, coding, bits, filter, compression, core], payload)) =
+        bytes.split_first_chunk()
+    else {
+        return;
+    };
+    let types =
+        [SampleType::U8, SampleType::U16, SampleType::I32, SampleType::F32, SampleType::F64];
+    let sample_type = types[usize::from(sort) % types.len()];
+    let core = 8 + 2 * u32::from(core % 5);
+    let geometry = Geometry::new([u64::from(core); 3], core, 1).unwrap();
+    let key = NodeKey::new(0, [0; 3]);
+    let folder = folder();
+    let [path, work] = ["a.octavo", "a.work"].map(|name| folder.path().join(name));
+    let encoding = match coding % 3 {
+        0 => Encoding::Quantised8,
+        1 => Encoding::Lossless,
+        _ => Encoding::max_error(2.0).unwrap(),
+    };
+    with_sample_type!(sample_type, T => {
+        let samples = vec![T::default(); geometry.brick_samples()];
+        let (mut record, _) = encode_samples(key, &samples, encoding);
+        record.state = BrickState::Stored;
+        let parts = (Coding::from_id(1 + coding % 3), Filter::from_id(filter), Compression::from_id(compression % 3));
+        let (Some(coding), Some(filter), Some(compression)) = parts else { return };
+        (record.coding, record.filter, record.compression, record.bits) = (coding, filter, compression, bits);
+        record.place.length = payload.len() as u32;
+        record.payload_checksum = XxHash3_128::oneshot(payload);
+        let Ok(mut writer) = StoreWriter::create(&path, &work, Vec::new()) else { return };
+        if writer.append(&mut [record], payload, Vec::new()).is_err() {
+            return;
+        }
+        if writer.finish(Metadata::new(&geometry, sample_type, encoding)).is_err() {
+            return;
+        }
+    });
+    let Ok(store) = Store::open(&path) else { return };
+    let mut scratch = BrickScratch::default();
+    let record = store.node(key).unwrap();
+    assert_eq!(store.read_payload(&record, &mut scratch).unwrap(), payload);
+    with_sample_type!(sample_type, T => {
+        let mut samples = vec![T::default(); geometry.brick_samples()];
+        match store.read_brick(key, &mut scratch, &mut samples) {
+            Ok(_) | Err(StoreError::Damaged { .. }) => {}
+            Err(other) => panic!("{other}"),
+        }
+    });
+    // What renderers are given goes another way.
+    match store.upload_brick(&record, &mut scratch) {
+        Ok(_) | Err(StoreError::Damaged { .. }) => {}
+        Err(other) => panic!("{other}"),
+    }
+}
+
+/// A node's record; with its checksum made right, so that what follows it is reached.
+pub fn node_record(bytes: &[u8]) {
+    let first = NodeRecord::from_bytes(bytes);
+    if let Some(record) = first {
+        assert_eq!(record.to_bytes()[..], *bytes);
+    }
+    let Some(body) = bytes.get(..NodeRecord::BYTES - 8) else { return };
+    let mut whole = body.to_vec();
+    whole.extend(twox_hash::XxHash3_64::oneshot(body).to_le_bytes());
+    if let Some(record) = NodeRecord::from_bytes(&whole) {
+        assert_eq!(
+            record.to_bytes()[..],
+            whole[..],
+            "a record says all that its bytes say: {record:?}"
+        );
+    }
+}
