@@ -12,7 +12,6 @@ size=${1:-512}
 largest=${2:-2048}
 check_size "$size"
 check_size "$largest"
-needs_room $((6 * largest * largest * largest)) "a volume of $largest^3 and its store" || exit 3
 build
 make_venv requirements-render.txt
 python="$venv/bin/python"
@@ -26,6 +25,7 @@ field() { "$python" -c 'import json, sys; print(json.load(sys.stdin)[sys.argv[1]
 store_of() {
   store="$work/p_$1_$2.octavo"
   [[ -f $store ]] && return
+  needs_room $((5 * $1 * $1 * $1)) "a volume of $1^3 and its store" || exit 3
   make_volume "$1"
   "$octavo" convert "$raw" -o "$store" --encoding "$2" --spacing 1,1,1 --force --json > "$work/convert.log"
 }

