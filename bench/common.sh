@@ -3,6 +3,7 @@
 # BENCH_DIR  where the work folder octavo-bench is made, on the disk that is to be measured [target]
 # KEEP=1     leave the work folder; volumes in it are used again
 # OCTAVO     the program to measure; built from this checkout if not given
+# BUILD=0    build nothing: what lies in target/release counts
 # RUNS       runs of each tool, of which the median counts [3]
 # shellcheck shell=bash
 
@@ -26,10 +27,10 @@ check_size() {
 }
 
 build() {
-  say "building"
+  [[ ${BUILD:-1} == 0 ]] || say "building"
   local packages=(-p bench -p data-samples)
   [[ -n ${OCTAVO:-} ]] || packages+=(-p octavo)
-  cargo build --release --locked --quiet "${packages[@]}"
+  [[ ${BUILD:-1} == 0 ]] || cargo build --release --locked --quiet "${packages[@]}"
   octavo=${OCTAVO:-$target/release/octavo}
   phantom="$target/release/phantom"
   [[ -x $octavo ]] || fail "$octavo cannot be run"

@@ -60,8 +60,8 @@ load http://127.0.0.1:8643 16 > /dev/null
 echo "Chunks of 32^3 u16 a second of $size^3, wrk, loopback, medians of $runs, $(nproc) cores, warm"
 provenance
 echo
-echo "| connections | octavo /s | nginx /s | ratio | octavo p50 ms | p99 ms | p99/p50 | nginx p99/p50 | errors |"
-echo "|---|---|---|---|---|---|---|---|---|"
+echo "| connections | octavo /s | nginx /s | ratio | octavo p50 ms | p99 ms | p99/p50 | nginx p50 ms | p99 ms | p99/p50 | errors, octavo + nginx |"
+echo "|---|---|---|---|---|---|---|---|---|---|---|"
 for connections in 1 16 64; do
   : > "$work/a"; : > "$work/b"
   for _ in $(seq "$runs"); do
@@ -71,9 +71,9 @@ for connections in 1 16 64; do
   a=$(cut -d ' ' -f 1 "$work/a" | median); b=$(cut -d ' ' -f 1 "$work/b" | median)
   p50=$(cut -d ' ' -f 2 "$work/a" | median); p99=$(cut -d ' ' -f 3 "$work/a" | median)
   n50=$(cut -d ' ' -f 2 "$work/b" | median); n99=$(cut -d ' ' -f 3 "$work/b" | median)
-  errors=$(awk '{ n += $4 } END { print n }' "$work/a" "$work/b")
+  errors="$(awk '{ n += $4 } END { print n }' "$work/a") + $(awk '{ n += $4 } END { print n }' "$work/b")"
   awk -v c="$connections" -v a="$a" -v b="$b" -v p="$p50" -v q="$p99" -v n="$n50" -v m="$n99" -v e="$errors" \
-    'BEGIN { printf "| %d | %.0f | %.0f | %.2f | %.3f | %.3f | %.1f | %.1f | %d |\n", c, a, b, a / b, p, q, q / p, m / n, e }'
+    'BEGIN { printf "| %d | %.0f | %.0f | %.2f | %.3f | %.3f | %.1f | %.3f | %.3f | %.1f | %s |\n", c, a, b, a / b, p, q, q / p, n, m, m / n, e }'
 done
 echo
 python3 "$here/peers/serve_load.py" connections "$base" bench "$server" "$work/paths.lua"

@@ -3,10 +3,13 @@
     serve_load.py chunks BASE DATASET FOLDER        level 0's chunks as files, and their paths in FOLDER/paths
     serve_load.py connections BASE DATASET PID LUA  memory with 1,000 idle and 256 busy connections
     serve_load.py cut BASE DATASET SIZE             time and bytes of a cut for 1024 x 576 at one voxel a pixel
+    serve_load.py packed BASE DATASET FILE          bytes of level 0's chunks over plain ones; their paths into FILE
+    serve_load.py read BASE DATASET RUNS            median seconds in which tensorstore reads level 0
 """
 import http.client
 import itertools
 import json
+import math
 import pathlib
 import socket
 import statistics
@@ -31,6 +34,28 @@ def chunks(base, dataset, folder):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(urlopen(base + path).read())
     pathlib.Path(folder, "paths").write_text("\n".join(paths) + "\n")
+
+
+def packed(base, dataset, file):
+    paths = chunk_paths(base, dataset)
+    pathlib.Path(file).write_text("\n".join(paths) + "\n")
+    array = json.load(urlopen(f"{base}/zarr2/{dataset}/0/.zarray"))
+    plain = len(paths) * int(array["dtype"][2:]) * math.prod(array["chunks"])
+    print(f"{sum(len(urlopen(base + path).read()) for path in paths) / plain:.3f}")
+
+
+def read(base, dataset, runs):
+    import tensorstore
+
+    def once():
+        spec = {"driver": "zarr3", "kvstore": f"{base}/zarr3/{dataset}/0/"}
+        store = tensorstore.open(spec, read=True, open=True).result()
+        began = time.perf_counter()
+        store.read().result()
+        return time.perf_counter() - began
+
+    once()
+    print(f"{statistics.median(once() for _ in range(int(runs))):.3f}")
 
 
 def memory(pid):
@@ -101,4 +126,4 @@ def cut(base, dataset, size):
 
 
 if __name__ == "__main__":
-    {"chunks": chunks, "connections": connections, "cut": cut}[sys.argv[1]](*sys.argv[2:])
+    {"chunks": chunks, "connections": connections, "cut": cut, "packed": packed, "read": read}[sys.argv[1]](*sys.argv[2:])

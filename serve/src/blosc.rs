@@ -44,6 +44,12 @@ pub(crate) fn compress(plain: &[u8], sample_bytes: usize) -> Vec<u8> {
 
 /// Byte 0 of every sample, then byte 1, and so on.
 fn shuffle(plain: &[u8], sample_bytes: usize) -> Vec<u8> {
-    let byte = |at| plain.iter().copied().skip(at).step_by(sample_bytes);
-    (0..sample_bytes).flat_map(byte).collect()
+    let samples = plain.len() / sample_bytes;
+    let mut shuffled = vec![0; plain.len()];
+    for (at, sample) in plain.chunks_exact(sample_bytes).enumerate() {
+        for (byte, value) in sample.iter().enumerate() {
+            shuffled[byte * samples + at] = *value;
+        }
+    }
+    shuffled
 }

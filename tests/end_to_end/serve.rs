@@ -151,7 +151,29 @@ fn every_level_is_the_source_s_pyramid_through_every_client() {
         clients("metadata.py", &[&server.base, dataset]);
     }
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/cut.py");
-    clients(&example.display().to_string(), &[&server.base, "tooth"]);
+    let example = example.display().to_string();
+    clients(&example, &[&server.base, "tooth"]);
+    let dims = "103,94,161";
+    clients("example.py", &[&server.base, "tooth", &example, &tooth, dims, "uint16"]);
+}
+
+#[test]
+fn a_hot_cube_lies_at_one_place_of_the_world_in_every_client_at_every_level() {
+    let bench = Bench::new();
+    let hot = [16..24_u32, 8..16, 24..32];
+    let mut volume = Vec::new();
+    for z in 0..39 {
+        for y in 0..37 {
+            for x in 0..45 {
+                let inside = hot.iter().zip([x, y, z]).all(|(span, at)| span.contains(&at));
+                volume.extend_from_slice(&(if inside { 40_000_u16 } else { 0 }).to_le_bytes());
+            }
+        }
+    }
+    bench.write("hot.raw", &volume);
+    bench.ok("convert hot.raw --dims 45,37,39 --dtype u16 --encoding lossless --spacing 0.5,1,2 --unit um --brick 8");
+    let server = Serving::new(&bench, "hot.octavo");
+    clients("hot.py", &[&server.base, "hot", "10000,12000,56000"]);
 }
 
 #[test]

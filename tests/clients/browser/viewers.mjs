@@ -141,14 +141,17 @@ async function niivue(context, files, root) {
       before = sum;
     }
     const { img, dims } = nv.volumes[0];
-    return { dims: Array.from(dims ?? []), values: Array.from(img) };
+    return { dims: Array.from(dims ?? []), values: Array.from(img), affine: nv.volumes[0].hdr.affine };
   }, `${base}/${root}/${dataset}`);
   let wrong = 0;
   found.values.forEach((value, i) => { if (value !== raw.readUInt16LE(2 * i)) wrong++; });
   await page.close();
   check(found.values.length === dims[0] * dims[1] * dims[2], `niivue ${root}: ${found.values.length} voxels, ${found.dims}`);
   check(wrong === 0, `niivue ${root}: ${wrong} of ${found.values.length} voxels are wrong`);
-  console.log(`niivue ${root}: ${found.values.length} voxels`);
+  // Millimetres.
+  const world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+  check(JSON.stringify(found.affine) === JSON.stringify(world), `niivue ${root}: ${JSON.stringify(found.affine)}`);
+  console.log(`niivue ${root}: ${found.values.length} voxels, in their place`);
 }
 
 const files = await serveFiles(dist);
