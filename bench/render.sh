@@ -30,13 +30,13 @@ store_of() {
   "$octavo" convert "$raw" -o "$store" --encoding "$2" --spacing 1,1,1 --force --json > "$work/convert.log"
 }
 
-# draw STORE KIND SIDE PIXELS [FLAGS]: JSON of what drawing took; the picture is $work/picture.png.
+# draw STORE KIND SIDE PIXELS STEP [FLAGS]: JSON of what drawing took; the picture is $work/picture.png.
 draw() {
-  local drawn=$1 kind=$2 side=$3 pixels=$4
-  shift 4
+  local drawn=$1 kind=$2 side=$3 pixels=$4 step=$5
+  shift 5
   "$python" "$here/peers/scene.py" "$side" "$kind" "$work" "$pixels"
   "$octavo" render "$drawn" -o "$work/picture.png" --size 1024x576 --camera "$work/camera.json" --transfer "$work/transfer.json" \
-    --shading off --filter trilinear --step 1 "${adapter[@]}" "$@" --force --json 2> "$work/render.log"
+    --shading off --filter trilinear --step "$step" "${adapter[@]}" "$@" --force --json 2> "$work/render.log"
 }
 
 store_of "$size" u8
@@ -44,14 +44,14 @@ beside="$store"
 make_volume "$size"
 echo "Seconds of a converged frame of $size^3, 1024 x 576, medians of $runs"
 provenance
-echo "adapter: $(draw "$beside" opaque "$size" 521 | field adapter)"
+echo "adapter: $(draw "$beside" opaque "$size" 521 1 | field adapter)"
 echo
 echo "| transfer function | octavo, texture units | octavo, exact | VTK GPU mapper | VTK fixed point | octavo over the faster of VTK's |"
 echo "|---|---|---|---|---|---|"
 for kind in opaque transparent; do
   : > "$work/hardware"; : > "$work/manual"; : > "$work/gpu"; : > "$work/fixed"
   for _ in $(seq "$runs"); do
-    for sampling in hardware manual; do draw "$beside" $kind "$size" 521 --sampling $sampling | field frame_ms >> "$work/$sampling"; done
+    for sampling in hardware manual; do draw "$beside" $kind "$size" 521 1 --sampling $sampling | field frame_ms >> "$work/$sampling"; done
     "$python" "$here/peers/scene.py" "$size" $kind "$work"
     for mapper in gpu fixed; do
       "$python" "$here/peers/render.py" "$raw" "$size" $mapper "$work/scene.json" 3 2> "$work/vtk.log" | field median_secs >> "$work/$mapper"
@@ -73,7 +73,7 @@ for ((side = 256; side <= largest; side *= 2)); do
   for pixels in 256 512; do
     for kind in opaque transparent; do
       : > "$work/times"
-      for _ in $(seq "$runs"); do draw "$store" $kind "$side" $pixels > "$work/drawn"; field frame_ms < "$work/drawn" >> "$work/times"; done
+      for _ in $(seq "$runs"); do draw "$store" $kind "$side" $pixels 1 > "$work/drawn"; field frame_ms < "$work/drawn" >> "$work/times"; done
       row+=" $(median < "$work/times" | awk '{ printf "%.0f", $1 }') |"
     done
     row+=" $(field bricks_in_cut < "$work/drawn") |"
@@ -87,14 +87,14 @@ store_of "$size" lossless
 echo
 echo "What accuracy and step cost, $size^3: PSNR against level 0 with samples an eighth of a voxel apart, of a lossless store; the store drawn is the default, 8 bits"
 for kind in opaque transparent; do
-  draw "$store" $kind "$size" 521 --accuracy 0.05 --step 0.125 --sampling manual --slots 40000 > "$work/drawn"
+  draw "$store" $kind "$size" 521 0.125 --accuracy 0.05 --sampling manual --slots 40000 > "$work/drawn"
   cp "$work/picture.png" "$work/truth.png"
   echo
   echo "| $kind: pixels a voxel | step, voxels | frame ms | bricks read | MB read | PSNR dB |"
   echo "|---|---|---|---|---|---|"
   for accuracy in 0.5 1 2 4; do
     for step in 0.25 0.5 1 2; do
-      draw "$beside" $kind "$size" 521 --accuracy $accuracy --step $step --slots 40000 > "$work/drawn"
+      draw "$beside" $kind "$size" 521 $step --accuracy $accuracy --slots 40000 > "$work/drawn"
       psnr=$("$python" "$here/peers/psnr.py" "$work/picture.png" "$work/truth.png")
       echo "| $accuracy | $step | $(field frame_ms < "$work/drawn" | awk '{ printf "%.0f", $1 }') | $(field bricks_loaded < "$work/drawn") | $(field bytes_read < "$work/drawn" | awk '{ printf "%.1f", $1 / 1e6 }') | $psnr |"
     done
