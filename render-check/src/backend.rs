@@ -22,6 +22,8 @@ pub struct Drawing<'a> {
     pub look: &'a Look,
     /// The look's table.
     pub table: &'a TransferTable,
+    /// Values of texels 0 and 1 of all bricks, where they hold floats; else each has its own.
+    pub float_range: Option<[f64; 2]>,
     /// Distances from the eye at which rays end, a pixel each; none where nothing ends them.
     pub ends: Option<&'a [f32]>,
 }
@@ -87,10 +89,10 @@ impl Backend for CpuBackend {
     }
 
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError> {
-        let Drawing { index, view, look, table, ends } = *drawing;
+        let Drawing { index, view, look, table, float_range, ends } = *drawing;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
         let frame = Frame::new(&grid, look, &self.geometry, [1, 1, 1])?;
-        let nodes = pack(index, look);
+        let nodes = pack(index, look, float_range);
         let seen: Vec<AtomicU32> = nodes.iter().map(|_| AtomicU32::new(0)).collect();
         let scene = Scene {
             frame: &frame,

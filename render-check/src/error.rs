@@ -17,6 +17,28 @@ pub enum RenderError {
         /// The most it may be.
         limit: f64,
     },
+    /// A step that no picture needs.
+    #[error("step must be at least {least} voxels, and {found} was given")]
+    Step {
+        /// What was given.
+        found: f64,
+        /// The shortest.
+        least: f64,
+    },
+    /// An extinction whose sums overflow.
+    #[error("extinction must be at most {limit} per world unit, and {found} was given")]
+    Extinction {
+        /// What was given.
+        found: f64,
+        /// The most.
+        limit: f64,
+    },
+    /// A surface at a value that is none.
+    #[error("isovalue must be a finite number, and is {found}")]
+    Isovalue {
+        /// What was given.
+        found: f64,
+    },
     /// A colour map that does not exist.
     #[error("there is no colour map {found:?}: choose one of {known}")]
     ColorMap {

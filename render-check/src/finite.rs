@@ -1,4 +1,5 @@
-//! What is no number cannot be interpolated: pictures show NaN as the volume's least value, and infinities as its least
+//! Bricks of floats as they are drawn: in units of the volume's range, so that no digits are lost where values lie far from 0, and without
+//! what is no number, which cannot be interpolated. Pictures show NaN as the volume's least value, and infinities as its least
 //! and greatest, in the store and in the source alike.
 
 use octree_store::SampleBuffer;
@@ -23,20 +24,26 @@ pub(crate) fn range_of(samples: &SampleBuffer) -> [f64; 2] {
     if found[0] <= found[1] { found } else { [0.0; 2] }
 }
 
-/// A brick without what is no number; the same one where there is none of it.
-pub(crate) fn finite_brick(brick: &Arc<Brick>, range: [f64; 2]) -> Arc<Brick> {
-    let texel = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes);
-    let (texels, _) = brick.texels.as_chunks::<4>();
-    if brick.format != BrickFormat::R32Float || texels.iter().all(|t| texel(t).is_finite()) {
+/// The values that texels 0 and 1 of floats are drawn as: a volume's least and greatest, or around its one value.
+pub(crate) fn float_range([least, greatest]: [f64; 2]) -> [f64; 2] {
+    if least < greatest { [least, greatest] } else { [least, least + least.abs().max(1.0)] }
+}
+
+/// A brick of floats with texels in units of a [`float_range`]; other bricks are as they were.
+pub(crate) fn unit_brick(brick: &Arc<Brick>, range: [f64; 2]) -> Arc<Brick> {
+    if brick.format != BrickFormat::R32Float {
         return Arc::clone(brick);
     }
-    let [low, width] = [brick.texel_range[0], brick.texel_range[1] - brick.texel_range[0]];
-    let as_texels = range.map(|v| if width > 0.0 { (v - low) / width } else { 0.0 });
-    let replaced = texels
-        .iter()
-        .flat_map(|t| (finite(f64::from(texel(t)), as_texels) as f32).to_le_bytes())
-        .collect();
-    Arc::new(Brick { texels: replaced, ..(**brick).clone() })
+    // Halves, since the difference of two finite numbers may be none.
+    let [low, high] = range.map(|v| v / 2.0);
+    let [first, second] = brick.texel_range;
+    let unit = |bytes: &[u8; 4]| {
+        let texel = f64::from(f32::from_le_bytes(*bytes));
+        let value = finite(first + texel * (second - first), range);
+        ((value / 2.0 - low) / (high - low)) as f32
+    };
+    let texels = brick.texels.as_chunks().0.iter().flat_map(|t| unit(t).to_le_bytes()).collect();
+    Arc::new(Brick { format: BrickFormat::R32Float, texels, texel_range: range })
 }
 
 #[cfg(test)]
@@ -53,11 +60,30 @@ mod tests {
         });
         let range = range_of(&SampleBuffer::F32(values.to_vec()));
         assert_eq!(range, [-2.5, 1.0]);
-        let found = finite_brick(&brick, range);
+        let found = unit_brick(&brick, float_range(range));
         let read: Vec<f64> = (0..5).map(|i| found.value(i)).collect();
-        assert_eq!(read, [1.0, -2.5, 1.0, -2.5, -2.5]);
-        let again = finite_brick(&found, range);
-        assert!(Arc::ptr_eq(&found, &again));
+        for (read, expected) in read.iter().zip([1.0, -2.5, 1.0, -2.5, -2.5]) {
+            assert!((read - expected).abs() < 1e-6, "{read} {expected}");
+        }
         assert_eq!(range_of(&SampleBuffer::F32(vec![f32::NAN])), [0.0; 2]);
+    }
+    #[test]
+    fn values_far_from_0_and_at_the_ends_of_floats_keep_their_digits() {
+        for range in
+            [[1e5, 1e5 + 1000.0], [-3.4e38, 3.4e38], [1e33, 1.1e33], [0.0, 1e-40], [7.0, 7.0]]
+        {
+            let texels = [0.0, 0.25, 1.0].map(|t| range[0] + t * (range[1] - range[0]));
+            let brick = Arc::new(Brick {
+                format: BrickFormat::R32Float,
+                texels: texels.iter().flat_map(|v| (*v as f32).to_le_bytes()).collect(),
+                texel_range: [0.0, 1.0],
+            });
+            let found = unit_brick(&brick, float_range(range));
+            let units = found.texels.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b));
+            let expected = if range[0] < range[1] { [0.0, 0.25, 1.0] } else { [0.0; 3] };
+            for (unit, expected) in units.zip(expected) {
+                assert!((unit - expected).abs() < 2e-5, "{range:?}: {unit} {expected}");
+            }
+        }
     }
 }

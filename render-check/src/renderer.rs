@@ -2,14 +2,14 @@
 
 use crate::backend::{Backend, Drawing, Drawn};
 use crate::error::RenderError;
-use crate::finite::finite_brick;
+use crate::finite::{float_range, unit_brick};
 use crate::picture::Picture;
 use crate::transfer::TransferTable;
 use crate::view::Look;
 use octree_store::Geometry;
 use octree_store::loader::{
-    BrickSource, Criterion, Event, Feedback, Loader, LoaderOptions, NodeData, Quality, Scene,
-    SpatialIndex, Statistics, View,
+    BrickFormat, BrickSource, Criterion, Event, Feedback, Loader, LoaderOptions, NodeData, Quality,
+    Scene, SpatialIndex, Statistics, View,
 };
 use serde::Serialize;
 use std::collections::HashSet;
@@ -82,8 +82,9 @@ pub struct Renderer {
     loader: Loader,
     backend: Box<dyn Backend>,
     visibility: bool,
-    /// Least and greatest value of the volume.
-    value_range: [f64; 2],
+    /// Values of texels 0 and 1 where they are floats.
+    float_range: [f64; 2],
+    format: BrickFormat,
     table: Option<(Look, TransferTable)>,
     effort: Effort,
 }
@@ -122,7 +123,8 @@ impl Renderer {
         let metadata = source.metadata();
         let value_range = [metadata.value_min.unwrap_or(0.0), metadata.value_max.unwrap_or(0.0)];
         Ok(Self {
-            value_range,
+            float_range: float_range(value_range),
+            format: BrickFormat::of(metadata),
             loader: Loader::new(source, loader_options)?,
             backend,
             visibility: options.visibility,
@@ -245,7 +247,7 @@ impl Renderer {
             self.loader.frame(&Scene { views, clip: look.clip, appearance: &appearance, quality });
         let started = Instant::now();
         for upload in &mut frame.uploads {
-            upload.brick = finite_brick(&upload.brick, self.value_range);
+            upload.brick = unit_brick(&upload.brick, self.float_range);
         }
         self.backend.upload(&frame.uploads)?;
         self.effort.upload_ms += started.elapsed().as_secs_f64() * 1e3;
@@ -267,7 +269,8 @@ impl Renderer {
             self.table = Some((look.clone(), TransferTable::of(look)));
         }
         let Some((_, table)) = &self.table else { unreachable!("the table was made just now") };
-        self.backend.draw(&Drawing { index, view, look, table, ends })
+        let float_range = (self.format == BrickFormat::R32Float).then_some(self.float_range);
+        self.backend.draw(&Drawing { index, view, look, table, float_range, ends })
     }
 
     fn count(&mut self, index: &SpatialIndex) {

@@ -104,6 +104,8 @@ fn every_mode_draws_and_orbits_are_numbered() {
 fn what_cannot_be_drawn_is_refused_with_the_reason() {
     let bench = bench();
     bench.write("eye.json", br#"{"projection":"fisheye"}"#);
+    let bright = r#"{"points":[{"value":0,"color":[0,0,0],"extinction":1e39}]}"#;
+    bench.write("bright.json", bright.as_bytes());
     bench.write("map.json", br#"{"colormap":"vividis","range":[0,1],"points":[]}"#);
     for (arguments, reason) in [
         ("--camera eye.json", "fisheye"),
@@ -111,12 +113,28 @@ fn what_cannot_be_drawn_is_refused_with_the_reason() {
         ("--view sideways", "grazing"),
         ("--size 0x5", "WxH"),
         ("--step 0", "step must be above 0"),
+        ("--step 1e-30", "at least 0.0001"),
+        ("--mode iso --iso nan", "finite"),
+        ("--orbit 0", "not in 1.."),
+        ("--camera missing.json", "missing.json"),
+        ("--transfer bright.json", "extinction must be at most"),
+        ("--diff x.png --against a_40x33x20_u16.raw", "named twice"),
+        ("--depth d.jpg", ".png"),
         ("--background 2,0,0", "0 to 1"),
     ] {
         let said = bench.run(&format!("render a.octavo -o x.png --backend cpu {arguments}"));
         assert_eq!(said.code, 2, "{arguments}: {}", said.err);
         assert!(said.err.contains(reason), "{arguments}: {}", said.err);
     }
+    // Neither a store nor its source becomes a picture, whatever is forced.
+    for output in ["a.octavo", "a_40x33x20_u16.raw", "other.jpg"] {
+        let command = format!(
+            "render a.octavo -o {output} --force --backend cpu --against a_40x33x20_u16.raw"
+        );
+        let said = bench.run(&command);
+        assert_eq!(said.code, 2, "{output}: {}", said.err);
+    }
+    bench.ok("verify a.octavo");
     let said = bench.run("render a.octavo -o x.png --adapter no_such_adapter");
     assert_eq!(said.code, 3);
     assert!(

@@ -1,13 +1,15 @@
 //! `octavo render-check`: a store proved by its pictures.
 
-use super::render::{DeviceArgs, LookArgs, data_range, read_source};
+use super::render::{DeviceArgs, data_range, read_source, transfer_of};
 use super::{RawArgs, SeriesArgs, print_json, write_whole};
 use crate::exit::Answer;
 use anyhow::Context;
 use clap::Args;
 use octree_store::Store;
+use preprocess::PreprocessError;
 use render_check::check::{CheckOptions, Checked, check, looks, page};
 use render_check::picture::{Bits, write_png};
+use render_check::view::Look;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -29,11 +31,15 @@ pub(super) struct RenderCheck {
     /// Folder for index.html and the pictures
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Least PSNR of each picture, in dB
+    /// Least PSNR of each picture, in dB; surfaces, whose pixels at silhouettes are all or nothing, may have 5 less
     #[arg(long, value_name = "D", default_value_t = 40.0)]
     min_psnr: f64,
-    #[command(flatten)]
-    look: LookArgs,
+    /// Transfer function as JSON: control points, or a colour map by name [default: chosen from the values]
+    #[arg(long, value_name = "FILE.json")]
+    transfer: Option<PathBuf>,
+    /// Distance of samples, in voxels
+    #[arg(long, value_name = "VOXELS", default_value_t = 0.5)]
+    step: f64,
     #[command(flatten)]
     device: DeviceArgs,
     #[command(flatten)]
@@ -60,13 +66,19 @@ struct Report<'a> {
 
 impl RenderCheck {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
+        if let Some(page) = self.output.as_ref().map(|folder| folder.join("index.html"))
+            && page.exists()
+            && !self.force
+        {
+            return Err(PreprocessError::Exists { path: page }.into());
+        }
         let store = Store::open(&self.store)?;
         let metadata = store.metadata().clone();
         let source = read_source(&self.against, &self.raw, &self.series, &store)?;
-        let look = self.look.look(&store)?;
+        let look = Look::new(transfer_of(self.transfer.as_deref(), &store)?, data_range(&store));
         let options = CheckOptions {
             min_psnr_db: self.min_psnr,
-            step_voxels: look.step_voxels,
+            step_voxels: self.step,
             ..CheckOptions::default()
         };
         let looks = looks(&look.transfer, data_range(&store), &options)?;
@@ -82,6 +94,9 @@ impl RenderCheck {
             self.write(folder, &checked)?;
         }
         let ok = checked.iter().all(|checked| checked.ok);
+        for problem in checked.last().into_iter().flat_map(|last| &last.problems) {
+            eprintln!("octavo: {problem}");
+        }
         if self.json {
             print_json(&Report {
                 schema: "octavo.render-check/1",
@@ -117,7 +132,12 @@ fn file_name(check: &Checked, which: usize) -> String {
 
 fn tell(checked: &Checked) -> std::io::Result<()> {
     let psnr = checked.comparison.psnr_db.map_or("same".to_owned(), |db| format!("{db:.1}"));
-    let verdict = if checked.ok { "" } else { "  below the limit" };
+    let verdict = match checked {
+        Checked { ok: true, .. } => "",
+        Checked { problems, .. } if !problems.is_empty() => "  the store is damaged",
+        Checked { limited: true, .. } => "  below the limit: more --slots would show more",
+        _ => "  below the limit",
+    };
     writeln!(
         std::io::stdout().lock(),
         "{:9} {:12} PSNR {psnr:>6} dB  SSIM {:.5}  largest {:.4}  mean delta E {:.3}{verdict}",

@@ -13,6 +13,11 @@ use crate::key::NodeKey;
 use crate::record::BrickState;
 use crate::sample::SampleType;
 
+/// The nearest 32-bit float that is finite.
+fn narrowed(value: f64) -> f32 {
+    value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
+}
+
 /// What stands where a pointer leads nowhere.
 pub const NO_NODE: u32 = u32::MAX;
 
@@ -45,7 +50,7 @@ pub struct IndexNode {
     /// The level of the node whose data it shows: its own, or a higher one's above it.
     pub data_level: u8,
     /// The values of texels 0 and 1 of that data.
-    pub texel_range: [f32; 2],
+    pub texel_range: [f64; 2],
     /// The nodes beyond its faces at -x, +x, -y, +y, -z, +z, or [`NO_NODE`].
     pub neighbours: [u32; 6],
 }
@@ -189,7 +194,7 @@ impl SpatialIndex {
     pub fn narrow(&self, sample_type: SampleType) -> Option<Vec<[u32; 6]>> {
         let limit = 1_u32 << NARROW_SLOT_BITS;
         let (least, greatest) = sample_type.limits();
-        let whole = |v: f32| v.fract() == 0.0 && (least..=greatest).contains(&f64::from(v));
+        let whole = |v: f64| v.fract() == 0.0 && (least..=greatest).contains(&v);
         let fits = |node: &IndexNode| match node.data {
             NodeData::Slot(slot) => slot < limit - 4 && node.texel_range.into_iter().all(whole),
             NodeData::Uniform => whole(node.texel_range[0]),
@@ -202,9 +207,8 @@ impl SpatialIndex {
         {
             return None;
         }
-        let least = least as f32;
         let pair = |low: u32, high: u32| low & 0xffff | high << 16;
-        let value = |v: f32| (v - least) as u16;
+        let value = |v: f64| (v - least) as u16;
         Some(
             self.nodes
                 .iter()
@@ -235,7 +239,7 @@ impl SpatialIndex {
             .map(|node| {
                 let [x0, x1, y0, y1, z0, z1] = node.neighbours;
                 let levels = u32::from(node.level) | u32::from(node.data_level) << 8;
-                let [low, high] = node.texel_range.map(f32::to_bits);
+                let [low, high] = node.texel_range.map(|v| narrowed(v).to_bits());
                 let slot = packed_slot(node.data, u32::MAX);
                 [node.parent, node.first_child, slot, levels, low, high, x0, x1, y0, y1, z0, z1]
             })
@@ -259,8 +263,7 @@ fn shown(node: &Node, parent: u32, above: Option<&IndexNode>) -> IndexNode {
         (above.data, above.data_level, above.texel_range)
     });
     // f64 beyond f32 would become infinite, and differences of it no numbers.
-    let range =
-        node.summary.texel_range.map(|v| v.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
+    let range = node.summary.texel_range;
     let own = |data| (data, node.level, range);
     let (data, data_level, texel_range) = match (node.presence, node.summary.state) {
         (Presence::Absent, _) => (NodeData::Absent, node.level, [0.0; 2]),

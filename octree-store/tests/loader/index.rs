@@ -141,7 +141,7 @@ fn the_narrow_and_the_wide_layout_say_what_the_index_says() {
             [w[1] & 0x3f_ffff, w[1] >> 22 & 31, w[1] >> 27],
             [slot[0], levels[0], levels[1]]
         );
-        assert_eq!([w[2] & 0xffff, w[2] >> 16].map(|v| v as f32), node.texel_range);
+        assert_eq!([w[2] & 0xffff, w[2] >> 16].map(f64::from), node.texel_range);
         assert_eq!(signed[i][2] & 0xffff, node.texel_range[0] as u32 + 32768);
         let beyond =
             [w[3] & 0xffff, w[3] >> 16, w[4] & 0xffff, w[4] >> 16, w[5] & 0xffff, w[5] >> 16];
@@ -149,7 +149,10 @@ fn the_narrow_and_the_wide_layout_say_what_the_index_says() {
         let w = wide[i];
         assert_eq!([w[0], w[1], w[2]], [node.parent, node.first_child, slot[1]]);
         assert_eq!([w[3] >> 8, w[3] & 0xff], levels);
-        assert_eq!([f32::from_bits(w[4]), f32::from_bits(w[5])], node.texel_range);
+        assert_eq!(
+            [f32::from_bits(w[4]), f32::from_bits(w[5])],
+            node.texel_range.map(|v| v as f32)
+        );
         assert_eq!(w[6..], node.neighbours);
     }
     assert_eq!(index.narrow(SampleType::F32), None);

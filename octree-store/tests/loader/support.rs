@@ -254,7 +254,7 @@ impl Renderer {
                             let key = index.keys()[step.node as usize];
                             extinction(self.sample(geometry, slot, key, node.data_level, ray, at))
                         }
-                        NodeData::Uniform => extinction(f64::from(node.texel_range[0])),
+                        NodeData::Uniform => extinction(node.texel_range[0]),
                         _ => 0.0,
                     };
                 at += spacing;

@@ -18,7 +18,7 @@ pub use page::page;
 pub struct CheckOptions {
     /// Width and height.
     pub size: [u32; 2],
-    /// The least PSNR, in dB.
+    /// The least PSNR, in dB; of a surface, whose pixels at silhouettes are all or nothing, 5 less.
     pub min_psnr_db: f64,
     /// Distance of samples in voxels.
     pub step_voxels: f64,
@@ -27,6 +27,13 @@ pub struct CheckOptions {
 impl Default for CheckOptions {
     fn default() -> Self {
         Self { size: [320, 240], min_psnr_db: 40.0, step_voxels: 0.5 }
+    }
+}
+
+impl CheckOptions {
+    /// The least PSNR of a look's pictures, in dB.
+    fn limit_of(&self, look: &Look) -> f64 {
+        self.min_psnr_db - if let Mode::Iso(_) = look.mode { 5.0 } else { 0.0 }
     }
 }
 
@@ -42,6 +49,8 @@ pub struct Checked {
     pub comparison: Comparison,
     /// Whether it is as good as was asked.
     pub ok: bool,
+    /// What is wrong with the store, as far as it was seen until then.
+    pub problems: Vec<String>,
     /// Whether the cut was held coarser for want of room.
     pub limited: bool,
     /// Leaves of the cut that have a payload.
@@ -98,10 +107,12 @@ pub fn check(
     let aspect = f64::from(options.size[0]) / f64::from(options.size[1]);
     let background = [0.1, 0.12, 0.15];
     let mut all = Vec::new();
+    let mut problems: Vec<String> = Vec::new();
     for named in NamedView::ALL {
         let view = View::new(named.camera(metadata, aspect)?, options.size)?;
         for (name, look) in looks {
             let rendered = renderer.converge(&view, look, None, None)?;
+            problems.extend(rendered.problems);
             let shown = rendered.picture.over(background);
             let truth =
                 reference::draw(source, &view, look, Interpolation::Trilinear)?.over(background);
@@ -111,7 +122,8 @@ pub fn check(
                 view: named.name(),
                 look: name,
                 comparison,
-                ok: comparison.reaches(options.min_psnr_db) && rendered.problems.is_empty(),
+                ok: comparison.reaches(options.limit_of(look)) && problems.is_empty(),
+                problems: problems.clone(),
                 limited: rendered.limited,
                 bricks_in_cut: renderer.effort().bricks_in_cut,
                 pictures: [shown, truth, apart],

@@ -218,12 +218,12 @@ impl Backend for GpuBackend {
     }
 
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError> {
-        let Drawing { index, view, look, table, ends } = *drawing;
+        let Drawing { index, view, look, table, float_range, ends } = *drawing;
         let size = view.size;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
         let frame = Frame::new(&grid, look, &self.geometry, self.pool.slots_xyz())?;
         let pipeline = self.pipeline(Variant::of(look))?;
-        let nodes = pack(index, look);
+        let nodes = pack(index, look, float_range);
         let all = (size[0] as usize) * (size[1] as usize);
         let mut picture =
             Picture { size, colors: vec![[0.0; 4]; all], depths: vec![f32::INFINITY; all] };

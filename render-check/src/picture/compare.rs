@@ -39,12 +39,12 @@ pub fn compare(a: &Shown, b: &Shown) -> Result<Comparison, RenderError> {
     let (mut squares, mut sum, mut largest, mut apart) = (0.0, 0.0, 0.0_f64, 0.0);
     for (p, q) in a.pixels.iter().zip(&b.pixels) {
         for c in 0..3 {
-            let d = f64::from(p[c]) - f64::from(q[c]);
+            let d = apart_by(p[c], q[c]);
             squares += d * d;
             sum += d.abs();
             largest = largest.max(d.abs());
         }
-        let (p, q) = (lab(*p), lab(*q));
+        let (p, q) = (lab(p.map(shown_as)), lab(q.map(shown_as)));
         apart += (0..3).map(|c| (p[c] - q[c]).powi(2)).sum::<f64>().sqrt();
     }
     let pixels = a.pixels.len() as f64;
@@ -58,6 +58,17 @@ pub fn compare(a: &Shown, b: &Shown) -> Result<Comparison, RenderError> {
     })
 }
 
+/// How far two components lie apart; what is no number could not lie farther from anything.
+fn apart_by(a: f32, b: f32) -> f64 {
+    let d = f64::from(a) - f64::from(b);
+    if d.is_finite() { d } else { 1.0 }
+}
+
+/// A component as a display has it: what is no number is black.
+fn shown_as(component: f32) -> f32 {
+    if component.is_finite() { component } else { 0.0 }
+}
+
 /// The differences, `gain` times as large.
 ///
 /// # Errors
@@ -66,8 +77,9 @@ pub fn difference(a: &Shown, b: &Shown, gain: f32) -> Result<Shown, RenderError>
     if a.size != b.size {
         return Err(RenderError::Sizes { a: a.size, b: b.size });
     }
-    let apart =
-        |(p, q): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| ((p[c] - q[c]).abs() * gain).min(1.0));
+    let apart = |(p, q): (&[f32; 3], &[f32; 3])| {
+        [0, 1, 2].map(|c| (apart_by(p[c], q[c]).abs() as f32 * gain).min(1.0))
+    };
     Ok(Shown { size: a.size, pixels: a.pixels.iter().zip(&b.pixels).map(apart).collect() })
 }
 
@@ -93,7 +105,8 @@ fn ssim(a: &Shown, b: &Shown) -> f64 {
     const C2: f64 = 0.03 * 0.03;
     let luma = |shown: &Shown| -> Vec<f64> {
         let weigh = |p: &[f32; 3]| {
-            0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
+            let [r, g, b] = p.map(|c| f64::from(shown_as(c)));
+            0.299 * r + 0.587 * g + 0.114 * b
         };
         shown.pixels.iter().map(weigh).collect()
     };
@@ -152,6 +165,19 @@ mod tests {
         assert!((found.mean_abs_diff - 0.1).abs() < 1e-6);
         assert!(found.ssim < 0.999 && found.ssim > 0.5);
         assert!(!found.reaches(20.1) && found.reaches(19.9));
+    }
+
+    #[test]
+    fn what_is_no_number_is_as_far_from_all_as_can_be() {
+        let a = shown(|_, _| [0.5; 3]);
+        let b = shown(|x, _| if x == 3 { [f32::NAN, 0.5, 0.5] } else { [0.5; 3] });
+        for (a, b) in [(&a, &b), (&b, &a), (&b, &b)] {
+            let found = compare(a, b).unwrap();
+            assert!(!found.reaches(20.0), "{found:?}");
+            assert_eq!(found.max_abs_diff, 1.0);
+            assert!(found.ssim.is_finite() && found.mean_delta_e.is_finite(), "{found:?}");
+            assert_eq!(difference(a, b, 1.0).unwrap().pixels[3], [1.0, 0.0, 0.0]);
+        }
     }
 
     #[test]

@@ -32,12 +32,20 @@ pub struct RayNode {
     pub(crate) padding: u32,
 }
 
-/// Packs an index for a look.
-pub(crate) fn pack(index: &SpatialIndex, look: &Look) -> Vec<RayNode> {
+/// Packs an index for a look. Texels 0 and 1 of bricks are those values of `float_range`, if there is one.
+pub(crate) fn pack(
+    index: &SpatialIndex,
+    look: &Look,
+    float_range: Option<[f64; 2]>,
+) -> Vec<RayNode> {
+    let range_of = |node: &IndexNode| match (node.data, float_range) {
+        (NodeData::Slot(_), Some(range)) => range,
+        _ => node.texel_range,
+    };
     let pack_node = |(key, node): (&octree_store::NodeKey, &IndexNode)| RayNode {
         brick: key.brick_xyz().map(|b| b as i32),
         levels: u32::from(node.level) | u32::from(node.data_level) << 8,
-        values: node.texel_range.map(|v| look.normalised(f64::from(v)) as f32),
+        values: range_of(node).map(|v| look.normalised(v) as f32),
         slot: match node.data {
             NodeData::Slot(slot) => slot,
             NodeData::Uniform => UNIFORM,

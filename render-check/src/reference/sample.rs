@@ -60,14 +60,20 @@ fn weigh<const N: usize>(
     let place = |axis: usize, i: usize, n: i64| {
         (below[axis] as i64 - before + i as i64).clamp(0, n - 1) as usize
     };
-    let mut sum = 0.0;
+    // Differences from one voxel are summed, so that where all are the same it is that value exactly.
+    let middle = N / 2;
+    let base = voxel(
+        ((place(2, middle, nz) * ny as usize + place(1, middle, ny)) * nx as usize)
+            + place(0, middle, nx),
+    );
+    let mut sum = base;
     for k in 0..N {
         let z = place(2, k, nz) * ny as usize;
         for j in 0..N {
             let row = (z + place(1, j, ny)) * nx as usize;
             let mut along = 0.0;
             for (i, weight) in weights[0].iter().enumerate() {
-                along += weight * voxel(row + place(0, i, nx));
+                along += weight * (voxel(row + place(0, i, nx)) - base);
             }
             sum += weights[2][k] * weights[1][j] * along;
         }

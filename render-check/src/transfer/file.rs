@@ -63,7 +63,7 @@ impl TransferFile {
         };
         let map = ColorMap::find(&mapped.colormap)?;
         let [low, high] = mapped.range;
-        let place = |value: f64| if high > low { (value - low) / (high - low) } else { 0.0 };
+        let place = |value: f64| if high == low { 0.0 } else { (value - low) / (high - low) };
         let points = mapped.points.iter().map(|p| ControlPoint {
             value: p.value,
             color: map.at(place(p.value)),

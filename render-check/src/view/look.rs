@@ -77,6 +77,10 @@ pub struct Look {
 impl Look {
     /// Entries of tables where nothing else is said.
     pub const TABLE_ENTRIES: u32 = 4096;
+    /// The shortest step in voxels.
+    pub const SHORTEST_STEP: f64 = 1e-4;
+    /// The greatest extinction per world unit: sums of it along a ray stay within 32-bit floats.
+    pub const MOST_EXTINCTION: f64 = 1e30;
     /// The most entries.
     pub const TABLE_LIMIT: u32 = 65_536;
 
@@ -106,6 +110,15 @@ impl Look {
             if fits { Ok(()) } else { Err(RenderError::Number { what, found, limit }) }
         };
         positive("step", self.step_voxels, 1024.0)?;
+        if self.step_voxels < Self::SHORTEST_STEP {
+            let (found, least) = (self.step_voxels, Self::SHORTEST_STEP);
+            return Err(RenderError::Step { found, least });
+        }
+        let most = self.transfer.points().iter().map(|p| p.extinction).fold(0.0, f64::max);
+        if most > Self::MOST_EXTINCTION {
+            let (found, limit) = (most, Self::MOST_EXTINCTION);
+            return Err(RenderError::Extinction { found, limit });
+        }
         positive("accuracy", self.accuracy, 1e6)?;
         positive(
             "table entries",
@@ -118,7 +131,7 @@ impl Look {
         if let Mode::Iso(value) = self.mode
             && !value.is_finite()
         {
-            return Err(RenderError::Number { what: "isovalue", found: value, limit: f64::MAX });
+            return Err(RenderError::Isovalue { found: value });
         }
         Ok(())
     }

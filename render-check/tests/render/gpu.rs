@@ -87,6 +87,28 @@ fn the_device_draws_what_its_mirror_draws_in_every_mode() {
 }
 
 #[test]
+fn floats_on_the_device_are_those_of_the_mirror() {
+    let shape = blob(DIMS);
+    for [low, high] in [[0.0_f32, 1.0], [1e5, 1.01e5], [-3e38, 3e38]] {
+        let at = |t: f64| f64::from(low) + t * (f64::from(high) - f64::from(low));
+        let made = make_f32(DIMS, Folding::default(), |p| at(f64::from(shape(p)) / 1000.0) as f32);
+        let color = [0.9, 0.5, 0.2];
+        let transfer =
+            transfer(&[(0.15, 0.0), (0.4, 0.1), (1.0, 0.5)].map(|(t, tau)| (at(t), color, tau)));
+        let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+        for mode in [Mode::Dvr, Mode::Iso(at(0.42)), Mode::Mip] {
+            let range = [f64::from(low), f64::from(high)];
+            let look = Look { mode, ..Look::new(transfer.clone(), range) };
+            let view = perspective(&made, [0.3, -0.5, -1.0], 160.0, [64, 48]);
+            let device = renderer.converge(&view, &look, None, None).unwrap();
+            let mirror = made.mirrored(&view, &look);
+            let surface = matches!(mode, Mode::Iso(_));
+            assert_alike(&format!("{low:e} {mode:?}"), &device.picture, &mirror.picture, surface);
+        }
+    }
+}
+
+#[test]
 fn texture_units_come_near() {
     for encoding in [Encoding::Quantised8, Encoding::Lossless] {
         let made = make_u16(DIMS, Folding { encoding, ..Folding::default() }, blob(DIMS));

@@ -87,3 +87,24 @@ fn a_homogeneous_cube_looks_the_same_from_six_sides() {
         assert!(found.max_abs_diff < 2e-6, "{direction:?}: {found:?}");
     }
 }
+
+#[test]
+fn floats_look_like_their_source_wherever_their_values_lie() {
+    let shape = blob(DIMS);
+    for [low, high] in [[0.0_f32, 1.0], [1e5, 1.01e5], [-3e38, 3e38], [1e33, 1.5e33], [0.0, 1e-37]]
+    {
+        let at = |t: f64| f64::from(low) + t * (f64::from(high) - f64::from(low));
+        let made = make_f32(DIMS, Folding::default(), |p| at(f64::from(shape(p)) / 1000.0) as f32);
+        let points = [(0.15, 0.0), (0.4, 0.1), (1.0, 0.5)];
+        let color = [0.9, 0.5, 0.2];
+        let transfer = transfer(&points.map(|(t, extinction)| (at(t), color, extinction)));
+        let base = Look::new(transfer, [f64::from(low), f64::from(high)]);
+        for mode in [Mode::Dvr, Mode::Iso(at(0.42)), Mode::Mip] {
+            let look = Look { mode, accuracy: 0.2, ..base.clone() };
+            let view = perspective(&made, [0.3, -0.5, -1.0], 160.0, [48, 40]);
+            let found =
+                compared(&made.mirrored(&view, &look).picture, &made.reference(&view, &look));
+            assert!(found.reaches(60.0), "{low:e} {high:e} {mode:?}: {found:?}");
+        }
+    }
+}

@@ -6,7 +6,7 @@ use octree_store::loader::{ClipBox, TransferFunction};
 use octree_store::{BrickScratch, BrickState, Store};
 use render_check::transfer::{TransferFile, guess};
 use render_check::view::{Filter, Look, Mode, Shading};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Transfer function, mode, shading, accuracy.
 #[derive(Debug, Args)]
@@ -84,10 +84,7 @@ impl LookArgs {
     /// The look, for a store.
     pub(in crate::commands) fn look(&self, store: &Store) -> anyhow::Result<Look> {
         let range = data_range(store);
-        let transfer = match &self.transfer {
-            None => default_transfer(store)?,
-            Some(path) => read_json(path, |text| Ok(TransferFile::parse(text)??))?,
-        };
+        let transfer = transfer_of(self.transfer.as_deref(), store)?;
         let mode = match self.mode {
             ModeArg::Dvr => Mode::Dvr,
             ModeArg::Mip => Mode::Mip,
@@ -112,6 +109,17 @@ impl LookArgs {
             clip: self.clip,
             ..look
         })
+    }
+}
+
+/// The transfer function of a file, or one for the store's values.
+pub(in crate::commands) fn transfer_of(
+    path: Option<&Path>,
+    store: &Store,
+) -> anyhow::Result<TransferFunction> {
+    match path {
+        None => default_transfer(store),
+        Some(path) => read_json(path, |text| Ok(TransferFile::parse(text)??)),
     }
 }
 
@@ -144,7 +152,7 @@ pub(in crate::commands) fn default_transfer(store: &Store) -> anyhow::Result<Tra
 }
 
 /// The value at which the default transfer function is half opaque: a surface that is there in most volumes.
-fn middle(transfer: &TransferFunction, range: [f64; 2]) -> f64 {
+pub(in crate::commands) fn middle(transfer: &TransferFunction, range: [f64; 2]) -> f64 {
     match transfer.points() {
         [first, second, _] => f64::midpoint(first.value, second.value),
         _ => f64::midpoint(range[0], range[1]),

@@ -7,12 +7,13 @@ mod source;
 use super::{RawArgs, SeriesArgs, print_json, write_whole};
 use crate::exit::Answer;
 use crate::parse;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use clap::{Args, ValueEnum};
 pub(super) use drawer::Drawer;
-pub(super) use look::{LookArgs, data_range, default_transfer};
+pub(super) use look::{LookArgs, data_range, default_transfer, middle, transfer_of};
 use octree_store::Store;
 use octree_store::loader::{Camera, ClipBox, View};
+use preprocess::PreprocessError;
 use render_check::gpu::{AdapterChoice, GpuBackend, Sampling};
 use render_check::picture::{
     Bits, Comparison, Shown, compare, difference, write_depth_png, write_depth_raw, write_png,
@@ -52,7 +53,7 @@ pub(super) struct Render {
     #[arg(long, value_name = "NAME", default_value = "oblique1")]
     view: String,
     /// So many pictures from all around
-    #[arg(long, value_name = "N", conflicts_with_all = ["camera", "view", "against", "depth"])]
+    #[arg(long, value_name = "N", conflicts_with_all = ["camera", "view", "against", "depth"], value_parser = clap::value_parser!(u32).range(1..))]
     orbit: Option<u32>,
     #[command(flatten)]
     look: LookArgs,
@@ -223,6 +224,7 @@ impl DeviceArgs {
 
 impl Render {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
+        self.check_outputs()?;
         let store = Store::open(&self.store)?;
         let metadata = store.metadata().clone();
         let look = self.look.look(&store)?;
@@ -238,7 +240,7 @@ impl Render {
             (None, None) => vec![NamedView::find(&self.view)?.camera(&metadata, aspect)?],
         };
         let mut renderer = self.device.renderer(store, !self.no_visibility_feedback)?;
-        let at_most = self.budget.map(Duration::try_from_secs_f64).transpose()?;
+        let at_most = self.budget.map(|s| Duration::try_from_secs_f64(s).unwrap_or(Duration::MAX));
         let ends = self.depth_in.as_ref().map(|path| read_depths(path, self.size)).transpose()?;
         for (number, camera) in cameras.iter().enumerate() {
             let view = View::new(camera.clone(), self.size)?;
@@ -261,6 +263,39 @@ impl Render {
         Ok(Answer::Done)
     }
 
+    /// Refuses outputs that are there without --force, that are inputs, or that are one another, before anything is drawn.
+    fn check_outputs(&self) -> anyhow::Result<()> {
+        let pictures = [Some(&self.output), self.diff.as_ref()];
+        for path in
+            pictures.into_iter().flatten().chain(self.depth.iter().filter(|path| !is_raw(path)))
+        {
+            if path.extension().is_none_or(|ending| !ending.eq_ignore_ascii_case("png")) {
+                bail!("{}: a picture's name ends in .png", path.display());
+            }
+        }
+        let inputs = [
+            Some(&self.store),
+            self.camera.as_ref(),
+            self.against.as_ref(),
+            self.depth_in.as_ref(),
+        ];
+        let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let mut taken: Vec<PathBuf> =
+            inputs.into_iter().flatten().map(|path| place(path)).collect();
+        for path in
+            [Some(&self.output), self.diff.as_ref(), self.depth.as_ref()].into_iter().flatten()
+        {
+            if taken.contains(&place(path)) {
+                bail!("{}: it is named twice; each output needs a name of its own", path.display());
+            }
+            taken.push(place(path));
+            if self.orbit.is_none() && path.exists() && !self.force {
+                return Err(PreprocessError::Exists { path: path.clone() }.into());
+            }
+        }
+        Ok(())
+    }
+
     fn write(&self, path: &Path, shown: &Shown, text: &str) -> anyhow::Result<()> {
         let bits = match self.bits {
             PngBits::Eight => Bits::Eight,
@@ -272,7 +307,7 @@ impl Render {
     fn write_depth(&self, rendered: &Rendered) -> anyhow::Result<()> {
         let Some(path) = &self.depth else { return Ok(()) };
         let picture = &rendered.picture;
-        if path.extension().is_some_and(|extension| extension == "raw") {
+        if is_raw(path) {
             write_whole(path, self.force, |file| write_depth_raw(file, picture))
         } else {
             write_whole(path, self.force, |file| write_depth_png(file, picture))
@@ -346,14 +381,22 @@ pub(super) fn read_json<T>(
     path: &Path,
     parse: impl FnOnce(&str) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    // What cannot be read is unusable input, as a store that is not there is.
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?;
     // One message with its causes: a RenderError beneath a context would be told without.
     parse(&text).map_err(|error| anyhow::anyhow!("{}: {error:#}", path.display()))
 }
 
+/// Whether a name is a raw file's.
+fn is_raw(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "raw")
+}
+
 /// Distances from the eye, rows from the top; what is no number ends no ray.
 fn read_depths(path: &Path, [width, height]: [u32; 2]) -> anyhow::Result<Vec<f32>> {
-    let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+    let bytes =
+        std::fs::read(path).map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?;
     let wanted = 4 * u64::from(width) * u64::from(height);
     if bytes.len() as u64 != wanted {
         bail!(

@@ -78,6 +78,9 @@ impl View {
             stem,
             background: self.background,
         };
+        if !shot.folder.is_dir() {
+            anyhow::bail!("{}: there is no such folder for pictures", shot.folder.display());
+        }
         let renderer = self.device.renderer(store, true)?;
         Viewer::show(renderer, scene, metadata, shot, self.size)?;
         Ok(Answer::Done)

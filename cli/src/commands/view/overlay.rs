@@ -12,9 +12,10 @@ pub(super) struct Canvas {
 }
 
 const FONT: &str = "octavo-mono";
-/// Height of a line in pixels.
-const LINE: i32 = 16;
-const MARGIN: i32 = 8;
+/// Size of letters where there is room, and height of their lines, in pixels.
+const FULL: f64 = 13.0;
+const LINE: f64 = 16.0;
+const MARGIN: f64 = 8.0;
 
 /// Makes the font known. Before the first [`write`].
 ///
@@ -35,21 +36,27 @@ pub(super) fn write(canvas: &mut Canvas, lines: &[String]) -> anyhow::Result<()>
         return Ok(());
     }
     let [width, height] = canvas.size.map(|side| side as usize);
+    let fits = (height as f64 / (lines.len() as f64 * LINE + 2.0 * MARGIN))
+        .min(width as f64 / (longest as f64 * 0.602 * FULL + 2.0 * MARGIN));
+    // As large as there is room for, and as can be read.
+    let size = (FULL * fits).clamp(6.0, FULL);
+    let line = LINE * size / FULL;
     // DejaVu Sans Mono is 0.602 of its size wide.
-    let across = ((longest as f64 * 0.602 * 13.0) as usize + 2 * MARGIN as usize).min(width);
-    let down = (lines.len() * LINE as usize + 2 * MARGIN as usize).min(height);
+    let across = ((longest as f64 * 0.602 * size + 2.0 * MARGIN) as usize).min(width);
+    let down = ((lines.len() as f64 * line + 2.0 * MARGIN) as usize).min(height);
     for row in canvas.bytes.chunks_exact_mut(3 * width).take(down) {
         row[..3 * across].iter_mut().for_each(|part| *part /= 3);
     }
     let area = BitMapBackend::with_buffer(&mut canvas.bytes, (canvas.size[0], canvas.size[1]))
         .into_drawing_area();
-    let style = (FONT, 13).into_font().color(&WHITE);
-    for (number, line) in lines.iter().enumerate() {
-        let at = (MARGIN, MARGIN + number as i32 * LINE);
-        if at.1 + LINE > height as i32 {
+    let style = (FONT, size).into_font().color(&WHITE);
+    for (number, text) in lines.iter().enumerate() {
+        let top = MARGIN + number as f64 * line;
+        let at = (MARGIN as i32, top as i32);
+        if top + line > height as f64 {
             break;
         }
-        area.draw_text(line, &style, at)
+        area.draw_text(text, &style, at)
             .map_err(|error| anyhow!("drawing text failed: {error}"))?;
     }
     area.present().map_err(|error| anyhow!("drawing text failed: {error}"))

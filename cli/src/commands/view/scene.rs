@@ -2,6 +2,7 @@
 
 use super::camera::HandCamera;
 use super::transfer::TransferEdit;
+use crate::commands::render::middle;
 use octree_store::loader::{Camera, ClipBox, TransferFunction, ViewError};
 use render_check::transfer::ColorMap;
 use render_check::view::{Filter, Look, Mode, NamedView, Shading};
@@ -182,14 +183,18 @@ impl Scene {
     pub(super) fn new(opened: Opened) -> Self {
         let isovalue = match opened.look.mode {
             Mode::Iso(value) => value,
-            _ => f64::midpoint(opened.look.window[0], opened.look.window[1]),
+            _ => middle(&opened.look.transfer, opened.range),
         };
+        let share = |world: f64, axis: usize| (world / opened.size_xyz[axis]).clamp(0.0, 1.0);
+        let clip = opened.look.clip.map_or(UNCUT, |clip| {
+            [0, 1, 2].map(|axis| [share(clip.min()[axis], axis), share(clip.max()[axis], axis)])
+        });
         Self {
             camera: HandCamera::new(&opened.camera),
             edit: TransferEdit::default(),
             look: opened.look.clone(),
             isovalue,
-            clip: UNCUT,
+            clip,
             opened,
         }
     }
@@ -245,7 +250,7 @@ impl Scene {
 
     fn clip_box(&self) -> Option<ClipBox> {
         if self.clip == UNCUT {
-            return self.opened.look.clip;
+            return None;
         }
         let size = self.opened.size_xyz;
         let end = |high: usize| [0, 1, 2].map(|axis| self.clip[axis][high] * size[axis]);
@@ -412,7 +417,7 @@ mod tests {
         let mut scene = scene();
         scene.act(Act::NextMode);
         scene.act(Act::Isovalue(0.1));
-        assert_eq!(scene.look().mode, Mode::Iso(300.0));
+        assert_eq!(scene.look().mode, Mode::Iso(600.0));
         assert!(scene.look().shading.is_some());
         scene.act(Act::NextMode);
         assert_eq!((scene.look().mode, scene.look().window), (Mode::Mip, [0.0, 1000.0]));

@@ -196,8 +196,14 @@ impl Viewer {
         }
         if self.shoot && painted.whole && painted.wish.serial == self.serial {
             self.shoot = false;
-            let path = self.shot.take(&painted)?;
-            println!("{}", path.display());
+            match self.shot.take(&painted) {
+                Ok(path) => println!("{}", path.display()),
+                // Told, not fatal: the view is still there.
+                Err(error) => {
+                    eprintln!("octavo: {error:#}");
+                    self.problem = Some(format!("{error:#}"));
+                }
+            }
         }
         self.painted = Some(painted);
         self.redraw();
@@ -411,10 +417,10 @@ fn stretched(shown: &Shown, size: [u32; 2]) -> Canvas {
 }
 
 /// No display is the environment's fault, as a disk that cannot be read is.
-fn no_display(error: impl std::fmt::Display) -> std::io::Error {
-    std::io::Error::other(format!(
-        "there is no display to open a window on ({error}): octavo render writes pictures, octavo serve shows them in a browser"
-    ))
+fn no_display<E>(_: E) -> std::io::Error {
+    std::io::Error::other(
+        "there is no display to open a window on: octavo render writes pictures, octavo serve shows them in a browser",
+    )
 }
 
 fn failed_to_show(error: impl std::fmt::Display) -> anyhow::Error {
