@@ -1,7 +1,8 @@
 //! Connections: how many, how long, and how they end.
 
 use crate::app::App;
-use crate::observe::Peer;
+use crate::ledger::Cut;
+use crate::observe::Caller;
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
@@ -14,7 +15,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
 use tower::ServiceBuilder;
 use tower::util::MapRequestLayer;
@@ -40,6 +41,7 @@ pub(crate) async fn accept(
     let limits = app.options.limits;
     let room = Arc::new(Semaphore::new(limits.connections));
     let graceful = GracefulShutdown::new();
+    let (stopping, stopped) = watch::channel(());
     let mut stop = pin!(stop);
     loop {
         let accepted = tokio::select! {
@@ -61,16 +63,23 @@ pub(crate) async fn accept(
             continue;
         };
         let watcher = graceful.watcher();
-        let (app, router) = (Arc::clone(&app), router.clone());
+        let (app, router, stopped) = (Arc::clone(&app), router.clone(), stopped.clone());
         tokio::spawn(async move {
             app.metrics.connections.inc();
-            if let Err(error) = converse(stream, peer, &app, router, watcher, permit).await {
+            let begun = begin(&stream, app.options.limits.head_time, stopped).await;
+            let ended = match begun {
+                Ok(Some(http2)) => converse(stream, peer, http2, &app, router, watcher).await,
+                Ok(None) => Ok(()),
+                Err(error) => Err(error.into()),
+            };
+            drop(permit);
+            if let Err(error) = ended {
                 tracing::debug!(%peer, %error, "a connection ended");
             }
             app.metrics.connections.dec();
         });
     }
-    drop(listener);
+    drop((listener, stopping));
     app.retire();
     if tokio::time::timeout(limits.drain_time, graceful.shutdown()).await.is_err() {
         tracing::warn!("requests that were still open are cut off");
@@ -86,25 +95,38 @@ fn refuse(stream: TcpStream) {
     });
 }
 
+/// Whether a client begins as HTTP/2 does; none where the server stops before it says anything.
+async fn begin(
+    stream: &TcpStream,
+    within: Duration,
+    mut stopped: watch::Receiver<()>,
+) -> io::Result<Option<bool>> {
+    tokio::select! {
+        begun = tokio::time::timeout(within, speaks_http2(stream)) => begun?.map(Some),
+        _ = stopped.changed() => Ok(None),
+    }
+}
+
 async fn converse(
     stream: TcpStream,
     peer: SocketAddr,
+    http2: bool,
     app: &App,
     router: Router,
     watcher: Watcher,
-    _permit: OwnedSemaphorePermit,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let limits = app.options.limits;
     stream.set_nodelay(true)?;
-    let http2 = tokio::time::timeout(limits.head_time, speaks_http2(&stream)).await??;
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.stall_time));
     let io = TokioIo::new(Box::pin(stream));
-    let with_peer = MapRequestLayer::new(move |mut request: http::Request<_>| {
-        request.extensions_mut().insert(Peer(peer));
+    let cut = Cut::default();
+    let caller = Caller { address: peer, cut: Arc::clone(&cut) };
+    let with_caller = MapRequestLayer::new(move |mut request: http::Request<_>| {
+        request.extensions_mut().insert(caller.clone());
         request
     });
-    let service = ServiceBuilder::new().layer(with_peer).service(router);
+    let service = ServiceBuilder::new().layer(with_caller).service(router);
     let service = TowerToHyperService::new(service);
     if http2 {
         let mut builder = hyper::server::conn::http2::Builder::new(TokioExecutor::new());
@@ -114,7 +136,8 @@ async fn converse(
             .max_header_list_size(limits.head_bytes as u32)
             .keep_alive_interval(limits.head_time)
             .keep_alive_timeout(limits.stall_time);
-        watcher.watch(builder.serve_connection(io, service)).await?;
+        let conversation = watcher.watch(builder.serve_connection(io, service));
+        until_cut(conversation, &cut).await
     } else {
         let mut builder = hyper::server::conn::http1::Builder::new();
         builder
@@ -122,9 +145,20 @@ async fn converse(
             .header_read_timeout(limits.head_time)
             .max_header_size(limits.head_bytes)
             .max_buf_size(limits.head_bytes.max(8192) + 8192);
-        watcher.watch(builder.serve_connection(io, service)).await?;
+        let conversation = watcher.watch(builder.serve_connection(io, service));
+        until_cut(conversation, &cut).await
     }
-    Ok(())
+}
+
+/// A conversation, until it ends or the connection is cut off.
+async fn until_cut(
+    conversation: impl Future<Output = hyper::Result<()>>,
+    cut: &Cut,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    tokio::select! {
+        ended = conversation => Ok(ended?),
+        () = cut.notified() => Err("an answer was not taken, or a body not sent, in its time".into()),
+    }
 }
 
 /// Whether a client begins as HTTP/2 does. Nothing is taken from the stream.
