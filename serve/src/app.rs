@@ -39,6 +39,8 @@ pub(crate) struct App {
     /// Room for answers that clients have not taken yet, and for bodies that they have not sent yet.
     pub(crate) answers: Arc<Ledger>,
     pub(crate) bodies: Arc<Ledger>,
+    /// Places of connections that ask nothing.
+    pub(crate) places: Arc<Ledger>,
     /// Requests that may be worked on.
     pub(crate) requests: Semaphore,
     /// One picture at a time: a renderer takes all processors.
@@ -65,6 +67,7 @@ impl App {
             requests: Semaphore::new(limits.requests.max(1)),
             answers: Ledger::new(limits.answer_bytes),
             bodies: Ledger::new(limits.all_body_bytes),
+            places: Ledger::new(0),
             drawing: Arc::new(Semaphore::new(1)),
             products: Cache::with_weighter(items, options.cache_bytes, Bytes),
             ready: AtomicBool::new(true),

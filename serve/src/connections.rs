@@ -1,8 +1,8 @@
 //! Connections: how many, how long, and how they end.
 
 use crate::app::App;
-use crate::ledger::Cut;
 use crate::observe::Caller;
+use crate::place::Place;
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
@@ -59,6 +59,7 @@ pub(crate) async fn accept(
         };
         let Ok(permit) = Arc::clone(&room).try_acquire_owned() else {
             app.metrics.refused_connections.inc();
+            app.places.call_in();
             refuse(stream);
             continue;
         };
@@ -66,11 +67,18 @@ pub(crate) async fn accept(
         let (app, router, stopped) = (Arc::clone(&app), router.clone(), stopped.clone());
         tokio::spawn(async move {
             app.metrics.connections.inc();
-            let begun = begin(&stream, app.options.limits.head_time, stopped).await;
-            let ended = match begun {
-                Ok(Some(http2)) => converse(stream, peer, http2, &app, router, watcher).await,
-                Ok(None) => Ok(()),
-                Err(error) => Err(error.into()),
+            let place = Place::new(&app.places, app.options.limits.head_time);
+            let conversation = async {
+                match begin(&stream, app.options.limits.head_time, stopped).await? {
+                    Some(http2) => {
+                        converse(stream, peer, http2, &app, &place, router, watcher).await
+                    }
+                    None => Ok(()),
+                }
+            };
+            let ended = tokio::select! {
+                ended = conversation => ended,
+                () = place.cut().notified() => Err("it took, sent or asked too little".into()),
             };
             drop(permit);
             if let Err(error) = ended {
@@ -112,6 +120,7 @@ async fn converse(
     peer: SocketAddr,
     http2: bool,
     app: &App,
+    place: &Arc<Place>,
     router: Router,
     watcher: Watcher,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
@@ -120,10 +129,10 @@ async fn converse(
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.stall_time));
     let io = TokioIo::new(Box::pin(stream));
-    let cut = Cut::default();
-    let caller = Caller { address: peer, cut: Arc::clone(&cut) };
+    let place = Arc::clone(place);
     let with_caller = MapRequestLayer::new(move |mut request: http::Request<_>| {
-        request.extensions_mut().insert(caller.clone());
+        let work = Arc::new(place.work());
+        request.extensions_mut().insert(Caller { address: peer, work });
         request
     });
     let service = ServiceBuilder::new().layer(with_caller).service(router);
@@ -136,8 +145,7 @@ async fn converse(
             .max_header_list_size(limits.head_bytes as u32)
             .keep_alive_interval(limits.head_time)
             .keep_alive_timeout(limits.stall_time);
-        let conversation = watcher.watch(builder.serve_connection(io, service));
-        until_cut(conversation, &cut).await
+        watcher.watch(builder.serve_connection(io, service)).await?;
     } else {
         let mut builder = hyper::server::conn::http1::Builder::new();
         builder
@@ -145,20 +153,9 @@ async fn converse(
             .header_read_timeout(limits.head_time)
             .max_header_size(limits.head_bytes)
             .max_buf_size(limits.head_bytes.max(8192) + 8192);
-        let conversation = watcher.watch(builder.serve_connection(io, service));
-        until_cut(conversation, &cut).await
+        watcher.watch(builder.serve_connection(io, service)).await?;
     }
-}
-
-/// A conversation, until it ends or the connection is cut off.
-async fn until_cut(
-    conversation: impl Future<Output = hyper::Result<()>>,
-    cut: &Cut,
-) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
-    tokio::select! {
-        ended = conversation => Ok(ended?),
-        () = cut.notified() => Err("an answer was not taken, or a body not sent, in its time".into()),
-    }
+    Ok(())
 }
 
 /// Whether a client begins as HTTP/2 does. Nothing is taken from the stream.

@@ -69,7 +69,7 @@ impl Ledger {
     }
 
     /// Cuts off the connection whose loan is over first, of those that have had theirs for a while.
-    fn call_in(&self) {
+    pub(crate) fn call_in(&self) {
         let now = Instant::now();
         if let Some(debt) = self.debts().values().find(|debt| debt.since + PATIENCE <= now) {
             debt.connection.notify_one();

@@ -25,6 +25,7 @@ mod metrics;
 mod observe;
 mod options;
 mod pace;
+mod place;
 mod problem;
 mod product;
 mod records;

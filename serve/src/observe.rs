@@ -1,7 +1,7 @@
 //! Every answer is counted and logged: one event of the target `octavo::access`.
 
 use crate::app::App;
-use crate::ledger::Cut;
+use crate::place::Work;
 use axum::body::{Body, HttpBody};
 use axum::extract::{MatchedPath, Request, State};
 use axum::middleware::Next;
@@ -14,8 +14,8 @@ use std::time::Instant;
 #[derive(Debug, Clone)]
 pub(crate) struct Caller {
     pub(crate) address: SocketAddr,
-    /// Ends its connection.
-    pub(crate) cut: Cut,
+    /// Dropped when the answer was taken.
+    pub(crate) work: Arc<Work>,
 }
 
 pub(crate) async fn observe(

@@ -5,8 +5,9 @@
 //! and then never stalls.
 
 use crate::app::App;
-use crate::ledger::{Cut, Ledger, Loan};
+use crate::ledger::{Ledger, Loan};
 use crate::observe::Caller;
+use crate::place::Work;
 use crate::problem::Problem;
 use axum::body::{Body, HttpBody};
 use axum::extract::{Request, State};
@@ -30,6 +31,7 @@ const LEAST_BODY_BYTES: u64 = 64 << 10;
 struct Lent {
     bytes: Bytes,
     _loan: Loan,
+    _work: Arc<Work>,
 }
 
 impl AsRef<[u8]> for Lent {
@@ -41,14 +43,14 @@ impl AsRef<[u8]> for Lent {
 /// To whom answers are lent, and how long one byte of them may take.
 struct Borrower {
     ledger: Arc<Ledger>,
-    connection: Cut,
+    work: Arc<Work>,
     stall: Duration,
 }
 
 impl Borrower {
     fn lend(&self, counted: u64, all: u64) -> Option<Loan> {
         let within = self.stall + Duration::from_secs(all / LEAST_RATE);
-        self.ledger.lend(counted, &self.connection, within)
+        self.ledger.lend(counted, self.work.cut(), within)
     }
 }
 
@@ -57,7 +59,7 @@ pub(crate) async fn pace(
     request: Request<Body>,
     next: Next,
 ) -> Result<Response, Problem> {
-    let Some(Caller { cut, .. }) = request.extensions().get::<Caller>().cloned() else {
+    let Some(Caller { work, .. }) = request.extensions().get::<Caller>().cloned() else {
         return Err(Problem::internal("the request came by no connection"));
     };
     let limits = app.options.limits;
@@ -65,15 +67,14 @@ pub(crate) async fn pace(
     let body = (announced > 0).then(|| {
         // More than a body's limit is refused before it comes.
         let counted = announced.min(limits.body_bytes as u64).max(LEAST_BODY_BYTES);
-        app.bodies.lend(counted, &cut, limits.request_time)
+        app.bodies.lend(counted, work.cut(), limits.request_time)
     });
     if matches!(body, Some(None)) {
         return Err(Problem::busy("too many bodies are under way"));
     }
     let (head, answer) = next.run(request).await.into_parts();
     drop(body);
-    let borrower =
-        Borrower { ledger: Arc::clone(&app.answers), connection: cut, stall: limits.stall_time };
+    let borrower = Borrower { ledger: Arc::clone(&app.answers), work, stall: limits.stall_time };
     let answer = match answer.size_hint().exact() {
         Some(0) => answer,
         Some(length) => {
@@ -82,7 +83,11 @@ pub(crate) async fn pace(
             // It is there already: its length is known.
             let whole = answer.collect().await;
             let whole = whole.map_err(|_| Problem::internal("the answer was cut off"))?;
-            Body::from(Bytes::from_owner(Lent { bytes: whole.to_bytes(), _loan: loan }))
+            Body::from(Bytes::from_owner(Lent {
+                bytes: whole.to_bytes(),
+                _loan: loan,
+                _work: borrower.work,
+            }))
         }
         None => {
             let awaited = borrower.lend(0, 0);
@@ -113,7 +118,11 @@ impl HttpBody for Stream {
         let frame = ready!(Pin::new(&mut this.body).poll_frame(context));
         this.awaited = this.borrower.lend(0, 0);
         let lent = |bytes: Bytes| match this.borrower.lend(0, bytes.len() as u64) {
-            Some(loan) => Bytes::from_owner(Lent { bytes, _loan: loan }),
+            Some(loan) => Bytes::from_owner(Lent {
+                bytes,
+                _loan: loan,
+                _work: Arc::clone(&this.borrower.work),
+            }),
             None => bytes,
         };
         Poll::Ready(frame.map(|frame| frame.map(|frame| frame.map_data(lent))))

@@ -94,10 +94,14 @@ async fn rescan(app: Arc<App>) {
     }
 }
 
-/// Cuts off, again and again, who does not take answers in time. Bodies are part of requests, whose time is limited.
+/// Cuts off, again and again, who does not take answers in time, or asks nothing. Bodies are part of requests, whose time is
+/// limited.
 async fn call_in(app: Arc<App>) {
+    let limits = app.options.limits;
+    let every = limits.stall_time.min(limits.head_time) / 4;
     loop {
-        tokio::time::sleep(app.options.limits.stall_time / 4).await;
+        tokio::time::sleep(every).await;
         app.answers.call_in_overdue();
+        app.places.call_in_overdue();
     }
 }

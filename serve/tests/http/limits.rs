@@ -264,6 +264,86 @@ fn a_stream_of_which_an_http_2_client_takes_nothing_gives_way() {
 }
 
 #[test]
+fn a_stalled_stream_gives_way_to_one_who_asks_before_its_time_is_over() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.streams = 1;
+    let server = Running::new(options);
+    let keys = r#"{"keys":[[0,0,0,0],[0,1,0,0]]}"#;
+    let runtime = runtime();
+    let (_, _kept) =
+        runtime.block_on(ask_and_take_nothing(&server, "POST", "/v1/v/bricks", keys, 1));
+    let began = Instant::now();
+    while server.post("/v1/v/bricks", keys).status != 200 {
+        assert!(began.elapsed() < Duration::from_secs(15), "the stalled stream is still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn connections_that_ask_nothing_give_way_to_others_and_end_in_their_time() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.connections = 3;
+    let server = Running::new(options.clone());
+    let mut silent: Vec<TcpStream> = (0..3).map(|_| connect(&server)).collect();
+    silent[1].write_all(b"GET / HTTP/1.1\r\nhost: a\r\nx-slow: ").unwrap();
+    silent[2].write_all(b"GET /healthz HTTP/1.1\r\nhost: a\r\n\r\n").unwrap();
+    let served = |server: &Running| {
+        let mut stream = connect(server);
+        let _ = stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: a\r\nconnection: close\r\n\r\n");
+        rest(stream).starts_with("HTTP/1.1 200")
+    };
+    let began = Instant::now();
+    while !served(&server) {
+        // Long before the time in which a head must come.
+        assert!(began.elapsed() < Duration::from_secs(15), "silent connections keep their places");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+
+    // One of HTTP/2 that asks nothing, though it answers pings.
+    options.limits.head_time = Duration::from_millis(400);
+    let server = Running::new(options);
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (_client, connection) = h2::client::handshake(stream).await.unwrap();
+        let ended = tokio::time::timeout(Duration::from_secs(15), connection).await;
+        assert!(ended.is_ok(), "an idle connection is still open");
+    });
+}
+
+#[test]
+fn a_stream_that_is_taken_is_not_idle_however_long_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 32, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    options.limits.head_time = Duration::from_millis(200);
+    let server = Running::new(options);
+    let body = json!({"keys": vec![[0, 1, 1, 1]; 400]}).to_string();
+    let mut stream = connect(&server);
+    write!(
+        stream,
+        "POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let (mut all, mut part) = (Vec::new(), vec![0; 2 << 20]);
+    loop {
+        let count = stream.read(&mut part).unwrap();
+        all.extend_from_slice(&part[..count]);
+        if count == 0 {
+            break;
+        }
+        // Some forty times.
+        if all.len() % 3 == 0 {
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+    assert!(all.ends_with(b"\r\n0\r\n\r\n") && all.len() > 400 * 2 * 36 * 36 * 36);
+}
+
+#[test]
 fn answers_that_are_not_taken_have_bounded_room_and_give_way_to_others() {
     let folder = tempfile::tempdir().unwrap();
     Volume::<u16>::new([64, 64, 64], 32, noise)
