@@ -1,4 +1,4 @@
-//! Who may ask, and for how long an answer may be worked on.
+//! Who may ask, how many at once, and for how long an answer may be worked on.
 
 use crate::app::App;
 use crate::problem::Problem;
@@ -21,8 +21,11 @@ pub(crate) async fn admit(
     next: Next,
 ) -> Response {
     let path = request.uri().path();
+    // However busy: who runs the server must see that it lives.
+    if OPEN.contains(&path) {
+        return next.run(request).await;
+    }
     if let Some(token) = &app.options.token
-        && !OPEN.contains(&path)
         && !shown(request.headers()).any(|text| token.is(text))
     {
         // A link with the token in it opens the page once; the browser keeps the cookie.
@@ -33,6 +36,9 @@ pub(crate) async fn admit(
             "show the token as 'Authorization: Bearer TOKEN', or open /?token=TOKEN in a browser";
         return Problem::new(StatusCode::UNAUTHORIZED, "token needed", detail).into_response();
     }
+    let Ok(_working) = app.requests.try_acquire() else {
+        return Problem::busy("too many requests are under way").into_response();
+    };
     let limit = app.options.limits.request_time;
     let mut response = match tokio::time::timeout(limit, next.run(request)).await {
         Ok(response) => response,

@@ -152,7 +152,10 @@ pub(crate) struct Answer {
     content_type: &'static str,
     etag: String,
     lifetime: Lifetime,
+    /// Whether it may still be compressed.
     compressible: bool,
+    /// Whether what comes depends on what the client takes.
+    varies: bool,
     headers: Vec<(HeaderName, HeaderValue)>,
 }
 
@@ -160,7 +163,15 @@ impl Answer {
     /// Bytes that compression gains little on, or that must come as they are, with the tag of their content.
     pub(crate) fn binary(bytes: Bytes, etag: String, lifetime: Lifetime) -> Self {
         let content_type = "application/octet-stream";
-        Self { bytes, content_type, etag, lifetime, compressible: false, headers: Vec::new() }
+        Self {
+            bytes,
+            content_type,
+            etag,
+            lifetime,
+            compressible: false,
+            varies: false,
+            headers: Vec::new(),
+        }
     }
 
     /// A document: its tag is the hash of its bytes.
@@ -168,7 +179,15 @@ impl Answer {
         let bytes = bytes.into();
         let etag = blake3::hash(&bytes).to_hex()[..32].to_owned();
         let lifetime = Lifetime::Revalidate;
-        Self { bytes, content_type, etag, lifetime, compressible: true, headers: Vec::new() }
+        Self {
+            bytes,
+            content_type,
+            etag,
+            lifetime,
+            compressible: true,
+            varies: true,
+            headers: Vec::new(),
+        }
     }
 
     /// A JSON document.
@@ -191,8 +210,10 @@ impl Answer {
         self
     }
 
-    /// The response to one who stated these conditions.
-    pub(crate) fn to(mut self, conditions: &Conditions) -> Response {
+    /// Compressed, where its client takes that and it pays. [`Answer::to`] does it too; this is for who wants it done on
+    /// another thread.
+    #[must_use]
+    pub(crate) fn packed(mut self, conditions: &Conditions) -> Self {
         if self.compressible
             && self.bytes.len() >= COMPRESS_FROM_BYTES
             && let Some(packing) = conditions.encoding()
@@ -205,34 +226,41 @@ impl Answer {
             let name = HeaderValue::from_static(packing.name());
             self.headers.push((header::CONTENT_ENCODING, name));
         }
-        if conditions.forbids(&self.etag) {
+        self.compressible = false;
+        self
+    }
+
+    /// The response to one who stated these conditions.
+    pub(crate) fn to(self, conditions: &Conditions) -> Response {
+        let mut this = self.packed(conditions);
+        if conditions.forbids(&this.etag) {
             let detail = "the content is not the one that If-Match names";
             return Problem::new(StatusCode::PRECONDITION_FAILED, "precondition failed", detail)
                 .into_response();
         }
-        if conditions.has(&self.etag) || conditions.has_any() {
-            return self.not_modified();
+        if conditions.has(&this.etag) || conditions.has_any() {
+            return this.not_modified();
         }
-        let length = self.bytes.len() as u64;
-        let (status, body) = match conditions.range(&self.etag, length) {
+        let length = this.bytes.len() as u64;
+        let (status, body) = match conditions.range(&this.etag, length) {
             Err(problem) => return problem.into_response(),
-            Ok(None) => (StatusCode::OK, self.bytes.clone()),
+            Ok(None) => (StatusCode::OK, this.bytes.clone()),
             Ok(Some((first, last))) => {
                 let text = format!("bytes {first}-{last}/{length}");
                 if let Ok(value) = HeaderValue::from_str(&text) {
-                    self.headers.push((header::CONTENT_RANGE, value));
+                    this.headers.push((header::CONTENT_RANGE, value));
                 }
-                (StatusCode::PARTIAL_CONTENT, self.bytes.slice(first as usize..=last as usize))
+                (StatusCode::PARTIAL_CONTENT, this.bytes.slice(first as usize..=last as usize))
             }
         };
         let length = body.len();
         let mut response = Response::new(Body::from(body));
         *response.status_mut() = status;
         let headers = response.headers_mut();
-        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(self.content_type));
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(this.content_type));
         headers.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
         headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
-        self.add_headers(headers);
+        this.add_headers(headers);
         response
     }
 
@@ -253,7 +281,7 @@ impl Answer {
             Lifetime::Revalidate => "public, no-cache",
         };
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching));
-        if self.compressible {
+        if self.varies {
             headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         }
         headers.extend(self.headers);

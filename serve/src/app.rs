@@ -3,6 +3,7 @@
 use crate::catalog::Catalog;
 use crate::dataset::{Dataset, Named};
 use crate::decoders::Decoders;
+use crate::ledger::Ledger;
 use crate::metrics::Metrics;
 use crate::options::Options;
 use crate::problem::Problem;
@@ -35,6 +36,13 @@ pub(crate) struct App {
     pub(crate) decoders: Decoders,
     pub(crate) metrics: Metrics,
     pub(crate) renderer: Option<Arc<dyn Renderer>>,
+    /// Room for answers that clients have not taken yet, and for bodies that they have not sent yet.
+    pub(crate) answers: Arc<Ledger>,
+    pub(crate) bodies: Arc<Ledger>,
+    /// Places of connections that ask nothing.
+    pub(crate) places: Arc<Ledger>,
+    /// Requests that may be worked on.
+    pub(crate) requests: Semaphore,
     /// One picture at a time: a renderer takes all processors.
     pub(crate) drawing: Arc<Semaphore>,
     products: Cache<CacheKey, Product, Bytes>,
@@ -56,6 +64,10 @@ impl App {
             decoders: Decoders::new(limits.decodes, limits.waiting, limits.streams),
             metrics: Metrics::default(),
             renderer,
+            requests: Semaphore::new(limits.requests.max(1)),
+            answers: Ledger::new(limits.answer_bytes),
+            bodies: Ledger::new(limits.all_body_bytes),
+            places: Ledger::new(0),
             drawing: Arc::new(Semaphore::new(1)),
             products: Cache::with_weighter(items, options.cache_bytes, Bytes),
             ready: AtomicBool::new(true),

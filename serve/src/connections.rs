@@ -1,7 +1,8 @@
 //! Connections: how many, how long, and how they end.
 
 use crate::app::App;
-use crate::observe::Peer;
+use crate::observe::Caller;
+use crate::place::Place;
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
@@ -14,7 +15,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
 use tower::ServiceBuilder;
 use tower::util::MapRequestLayer;
@@ -40,6 +41,7 @@ pub(crate) async fn accept(
     let limits = app.options.limits;
     let room = Arc::new(Semaphore::new(limits.connections));
     let graceful = GracefulShutdown::new();
+    let (stopping, stopped) = watch::channel(());
     let mut stop = pin!(stop);
     loop {
         let accepted = tokio::select! {
@@ -57,20 +59,35 @@ pub(crate) async fn accept(
         };
         let Ok(permit) = Arc::clone(&room).try_acquire_owned() else {
             app.metrics.refused_connections.inc();
+            app.places.call_in();
             refuse(stream);
             continue;
         };
         let watcher = graceful.watcher();
-        let (app, router) = (Arc::clone(&app), router.clone());
+        let (app, router, stopped) = (Arc::clone(&app), router.clone(), stopped.clone());
         tokio::spawn(async move {
             app.metrics.connections.inc();
-            if let Err(error) = converse(stream, peer, &app, router, watcher, permit).await {
+            let place = Place::new(&app.places, app.options.limits.head_time);
+            let conversation = async {
+                match begin(&stream, app.options.limits.head_time, stopped).await? {
+                    Some(http2) => {
+                        converse(stream, peer, http2, &app, &place, router, watcher).await
+                    }
+                    None => Ok(()),
+                }
+            };
+            let ended = tokio::select! {
+                ended = conversation => ended,
+                () = place.cut().notified() => Err("it took, sent or asked too little".into()),
+            };
+            drop(permit);
+            if let Err(error) = ended {
                 tracing::debug!(%peer, %error, "a connection ended");
             }
             app.metrics.connections.dec();
         });
     }
-    drop(listener);
+    drop((listener, stopping));
     app.retire();
     if tokio::time::timeout(limits.drain_time, graceful.shutdown()).await.is_err() {
         tracing::warn!("requests that were still open are cut off");
@@ -86,25 +103,39 @@ fn refuse(stream: TcpStream) {
     });
 }
 
+/// Whether a client begins as HTTP/2 does; none where the server stops before it says anything.
+async fn begin(
+    stream: &TcpStream,
+    within: Duration,
+    mut stopped: watch::Receiver<()>,
+) -> io::Result<Option<bool>> {
+    tokio::select! {
+        begun = tokio::time::timeout(within, speaks_http2(stream)) => begun?.map(Some),
+        _ = stopped.changed() => Ok(None),
+    }
+}
+
 async fn converse(
     stream: TcpStream,
     peer: SocketAddr,
+    http2: bool,
     app: &App,
+    place: &Arc<Place>,
     router: Router,
     watcher: Watcher,
-    _permit: OwnedSemaphorePermit,
 ) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let limits = app.options.limits;
     stream.set_nodelay(true)?;
-    let http2 = tokio::time::timeout(limits.head_time, speaks_http2(&stream)).await??;
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(limits.stall_time));
     let io = TokioIo::new(Box::pin(stream));
-    let with_peer = MapRequestLayer::new(move |mut request: http::Request<_>| {
-        request.extensions_mut().insert(Peer(peer));
+    let place = Arc::clone(place);
+    let with_caller = MapRequestLayer::new(move |mut request: http::Request<_>| {
+        let work = Arc::new(place.work());
+        request.extensions_mut().insert(Caller { address: peer, work });
         request
     });
-    let service = ServiceBuilder::new().layer(with_peer).service(router);
+    let service = ServiceBuilder::new().layer(with_caller).service(router);
     let service = TowerToHyperService::new(service);
     if http2 {
         let mut builder = hyper::server::conn::http2::Builder::new(TokioExecutor::new());

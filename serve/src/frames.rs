@@ -95,7 +95,7 @@ pub(crate) fn stream_of(
     nodes: Vec<Option<NodeKey>>,
     shape: Shape,
 ) -> Result<Response, Problem> {
-    let permit = app.decoders.stream()?;
+    let permit = app.decoders.stream().inspect_err(|_| app.answers.call_in())?;
     let count = (first.len() + nodes.len()) as u64;
     let mut head = Vec::from(MAGIC);
     head.extend_from_slice(&VERSION.to_le_bytes());

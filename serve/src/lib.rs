@@ -5,8 +5,8 @@
 //! until it is told to stop. Nothing is written anywhere. `docs/HTTP.md` has the formats, byte by byte;
 //! `/openapi.json` describes the addresses.
 //!
-//! A request goes through `observe` (metrics, access log), CORS, and `admit` (token, time limit) to its route in
-//! `routes`. Routes ask the `app::App` for *products*: the bytes of one brick in one shape, decoded on a bounded
+//! A request goes through `observe` (metrics, access log), CORS, and `admit` (token, limits) to its route in
+//! `routes`, and its answer through `pace`, which sees to it that it is taken. Routes ask the `app::App` for *products*: the bytes of one brick in one shape, decoded on a bounded
 //! pool and kept in a bounded cache.
 
 mod admit;
@@ -20,9 +20,12 @@ mod dataset;
 mod decoders;
 mod frames;
 mod handles;
+mod ledger;
 mod metrics;
 mod observe;
 mod options;
+mod pace;
+mod place;
 mod problem;
 mod product;
 mod records;

@@ -1,6 +1,7 @@
 //! Every answer is counted and logged: one event of the target `octavo::access`.
 
 use crate::app::App;
+use crate::place::Work;
 use axum::body::{Body, HttpBody};
 use axum::extract::{MatchedPath, Request, State};
 use axum::middleware::Next;
@@ -10,8 +11,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Who asks, as the connection knows it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Peer(pub(crate) SocketAddr);
+#[derive(Debug, Clone)]
+pub(crate) struct Caller {
+    pub(crate) address: SocketAddr,
+    /// Dropped when the answer was taken.
+    pub(crate) work: Arc<Work>,
+}
 
 pub(crate) async fn observe(
     State(app): State<Arc<App>>,
@@ -24,7 +29,7 @@ pub(crate) async fn observe(
     let path = request.uri().path().to_owned();
     let version = request.version();
     let route = request.extensions().get::<MatchedPath>().cloned();
-    let peer = request.extensions().get::<Peer>().copied();
+    let peer = request.extensions().get::<Caller>().map(|caller| caller.address);
     let response = next.run(request).await;
     let took = began.elapsed();
     let status = response.status().as_u16();
@@ -34,7 +39,7 @@ pub(crate) async fn observe(
     app.metrics.sent_bytes.inc_by(bytes.unwrap_or(0));
     tracing::info!(
         target: "octavo::access",
-        peer = peer.map(|peer| peer.0.to_string()),
+        peer = peer.map(|peer| peer.to_string()),
         method = method.as_str(),
         path,
         version = ?version,

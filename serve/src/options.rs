@@ -57,6 +57,12 @@ impl Options {
 pub struct Limits {
     /// Bytes of a request's body.
     pub body_bytes: usize,
+    /// Bytes of bodies that are under way, of all requests together.
+    pub all_body_bytes: u64,
+    /// Bytes of answers that clients have not taken yet, of all together.
+    pub answer_bytes: u64,
+    /// Requests that are worked on at once.
+    pub requests: usize,
     /// Keys in a request's list.
     pub list_keys: usize,
     /// Bytes of a request's head.
@@ -65,7 +71,7 @@ pub struct Limits {
     pub request_time: Duration,
     /// In which a request's head must be there; a connection may be idle for so long.
     pub head_time: Duration,
-    /// For which a client may take no byte of an answer.
+    /// For which a client may take no byte of an answer; of a long one it must take 64 KiB a second.
     pub stall_time: Duration,
     /// Within which a stream of frames must be taken.
     pub stream_time: Duration,
@@ -87,6 +93,9 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             body_bytes: 1 << 20,
+            all_body_bytes: 64 << 20,
+            answer_bytes: 256 << 20,
+            requests: 4096,
             list_keys: 16_384,
             head_bytes: 16 << 10,
             request_time: Duration::from_secs(30),

@@ -75,9 +75,11 @@ impl Server {
     pub async fn run(self, stop: impl Future<Output = ()>) {
         let Self { listener, app, .. } = self;
         let rescans = tokio::spawn(rescan(Arc::clone(&app)));
+        let calls = tokio::spawn(call_in(Arc::clone(&app)));
         let router = routes::router(&app);
         connections::accept(listener, app, router, stop).await;
         rescans.abort();
+        calls.abort();
     }
 }
 
@@ -89,5 +91,17 @@ async fn rescan(app: Arc<App>) {
         if tokio::task::spawn_blocking(move || looked.catalog.rescan()).await.is_err() {
             tracing::error!("looking for stores failed");
         }
+    }
+}
+
+/// Cuts off, again and again, who does not take answers in time, or asks nothing. Bodies are part of requests, whose time is
+/// limited.
+async fn call_in(app: Arc<App>) {
+    let limits = app.options.limits;
+    let every = limits.stall_time.min(limits.head_time) / 4;
+    loop {
+        tokio::time::sleep(every).await;
+        app.answers.call_in_overdue();
+        app.places.call_in_overdue();
     }
 }

@@ -1,13 +1,13 @@
 //! One brick.
 
+use super::asked::{Path, Query};
 use super::{RECORD, STATE, VALUE_MAP};
 use crate::answer::{Answer, Conditions};
 use crate::app::{App, key_of};
 use crate::dataset::Named;
 use crate::problem::Problem;
 use crate::product::Shape;
-use axum::extract::rejection::{PathRejection, QueryRejection};
-use axum::extract::{Path, Query, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::{NodeKey, UploadFormat};
 use serde::Deserialize;
@@ -49,12 +49,10 @@ type Place = (String, u64, u64, u64, u64);
 
 pub(super) async fn brick(
     State(app): State<Arc<App>>,
-    path: Result<Path<Place>, PathRejection>,
-    wanted: Result<Query<Wanted>, QueryRejection>,
+    Path((name, level, x, y, z)): Path<Place>,
+    Query(Wanted { form }): Query<Wanted>,
     conditions: Conditions,
 ) -> Result<Response, Problem> {
-    let Path((name, level, x, y, z)) = path?;
-    let Query(Wanted { form }) = wanted?;
     let named = app.catalog.find(&name)?;
     let key = key_of(&named.dataset, [level, x, y, z]).ok_or_else(|| {
         Problem::absent(format!("the dataset has no level {level} brick {x},{y},{z}"))

@@ -1,5 +1,6 @@
 //! Datasets' codes as zarr, with what makes values of them beside them.
 
+use super::asked::Path;
 use super::bricks::brick_answer;
 use super::zarr::{find, nothing};
 use crate::answer::{Answer, Conditions};
@@ -9,7 +10,7 @@ use crate::dataset::Named;
 use crate::problem::Problem;
 use crate::product::{Shape, codes_type};
 use crate::views::codes::{self as view, Part};
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::Store;
 use serde_json::json;

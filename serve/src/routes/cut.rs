@@ -1,12 +1,13 @@
 //! The cut for a view: which bricks a client needs, and those that it lacks, coarse to fine.
 
+use super::asked::Path;
 use super::bricks::Form;
 use super::read_json;
 use crate::app::App;
 use crate::frames::{Kind, frame, nodes_of, stream_of};
 use crate::problem::Problem;
 use axum::body::Body;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::Store;
 use octree_store::loader::{
@@ -89,7 +90,7 @@ pub(super) async fn cut(
     body: Body,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let wanted: Wanted = read_json(body, app.options.limits.body_bytes).await?;
+    let wanted: Wanted = read_json(&app, body).await?;
     let (views, appearance) = (wanted.views()?, wanted.appearance()?);
     // What the dataset has not, the client cannot have.
     let have: HashSet<_> =

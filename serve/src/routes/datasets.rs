@@ -1,10 +1,11 @@
 //! What datasets there are, and what is known of one.
 
+use super::asked::Path;
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
 use crate::problem::Problem;
 use crate::views::info::listed;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::info_json::InfoJson;
 use serde_json::Value;

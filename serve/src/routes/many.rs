@@ -1,13 +1,13 @@
 //! Many bricks in one answer.
 
+use super::asked::{Path, Query};
 use super::bricks::Form;
 use super::read_json;
 use crate::app::App;
 use crate::frames::{nodes_of, stream_of};
 use crate::problem::Problem;
 use axum::body::Body;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::State;
 use axum::response::Response;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -28,12 +28,11 @@ struct Keys {
 pub(super) async fn bricks(
     State(app): State<Arc<App>>,
     Path(name): Path<String>,
-    wanted: Result<Query<Wanted>, QueryRejection>,
+    Query(Wanted { form }): Query<Wanted>,
     body: Body,
 ) -> Result<Response, Problem> {
-    let Query(Wanted { form }) = wanted?;
     let named = app.catalog.find(&name)?;
-    let Keys { keys } = read_json(body, app.options.limits.body_bytes).await?;
+    let Keys { keys } = read_json(&app, body).await?;
     let nodes = nodes_of(&app, &named.dataset, &keys)?;
     stream_of(&app, &named.dataset, Vec::new(), nodes, form.into())
 }

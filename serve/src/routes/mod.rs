@@ -1,5 +1,6 @@
 //! All addresses. `openapi.json` describes the same, and a test holds the two against each other.
 
+mod asked;
 mod bricks;
 mod codes;
 mod cut;
@@ -16,6 +17,7 @@ mod zarr;
 use crate::admit::admit;
 use crate::app::App;
 use crate::observe::observe;
+use crate::pace::pace;
 use crate::problem::Problem;
 use axum::Router;
 use axum::body::Body;
@@ -89,6 +91,7 @@ pub(crate) fn router(app: &Arc<App>) -> Router {
         .route("/precomputed/{dataset}/{*path}", get(precomputed::precomputed))
         .fallback(nowhere)
         .method_not_allowed_fallback(other_method)
+        .layer(from_fn_with_state(Arc::clone(app), pace))
         .layer(from_fn_with_state(Arc::clone(app), admit))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(cors)
@@ -124,7 +127,7 @@ async fn read_body(body: Body, limit: usize) -> Result<Bytes, Problem> {
 }
 
 /// A request's JSON body.
-async fn read_json<T: DeserializeOwned>(body: Body, limit: usize) -> Result<T, Problem> {
-    let bytes = read_body(body, limit).await?;
+async fn read_json<T: DeserializeOwned>(app: &App, body: Body) -> Result<T, Problem> {
+    let bytes = read_body(body, app.options.limits.body_bytes).await?;
     serde_json::from_slice(&bytes).map_err(|error| Problem::malformed(format!("the body: {error}")))
 }

@@ -1,19 +1,16 @@
 //! Node records of a level, a range at a time.
 
+use super::asked::{Path, Query};
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
 use crate::problem::Problem;
 use crate::records::records;
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::{Geometry, NodeKey, NodeRecord, Store, StoreError};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::sync::Arc;
-
-/// Records of one answer, at most.
-const COUNT_LIMIT: u64 = 65_536;
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -21,6 +18,16 @@ enum Format {
     #[default]
     Binary,
     Json,
+}
+
+impl Format {
+    /// Records of one answer, at most.
+    fn limit(self) -> u64 {
+        match self {
+            Self::Binary => 65_536,
+            Self::Json => 4096,
+        }
+    }
 }
 
 /// Which records are wanted: `count` from the `first` of the level on, in key order.
@@ -38,46 +45,45 @@ pub(super) struct Wanted {
 pub(super) async fn nodes(
     State(app): State<Arc<App>>,
     Path(name): Path<String>,
-    wanted: Result<Query<Wanted>, QueryRejection>,
+    Query(wanted): Query<Wanted>,
     conditions: Conditions,
 ) -> Result<Response, Problem> {
-    let Query(wanted) = wanted?;
     let named = app.catalog.find(&name)?;
     let geometry = named.dataset.geometry;
     if !geometry.levels().contains(&wanted.level) {
         return Err(Problem::absent(format!("the dataset has no level {}", wanted.level)));
     }
     let all = geometry.bricks_at(wanted.level);
-    if wanted.count.is_some_and(|count| count > COUNT_LIMIT) {
-        return Err(Problem::too_large(format!("at most {COUNT_LIMIT} records in one answer")));
+    let limit = wanted.format.limit();
+    if wanted.count.is_some_and(|count| count > limit) {
+        return Err(Problem::too_large(format!("at most {limit} records in one answer")));
     }
-    let count = wanted.count.unwrap_or(COUNT_LIMIT).min(all.saturating_sub(wanted.first));
-    let (level, first) = (wanted.level, wanted.first);
-    let read = move |store: &Store| -> Vec<_> {
+    let count = wanted.count.unwrap_or(limit).min(all.saturating_sub(wanted.first));
+    let Wanted { level, first, format, .. } = wanted;
+    let asked = conditions.clone();
+    let read = move |store: &Store| {
         let keys = keys_from(&geometry, level, first).take(count as usize);
-        records(store, keys).collect()
-    };
-    let records = app.read(&named.dataset, read).await?;
-    for (_, record) in &records {
-        if let Err(error) = record {
-            app.report(&named.dataset, error);
-        }
-    }
-    let answer = match wanted.format {
-        Format::Json => {
-            let list: Vec<Value> =
-                records.iter().map(|(key, record)| to_json(*key, record)).collect();
-            Answer::json(&list)?
-        }
-        Format::Binary => {
-            let mut bytes = Vec::with_capacity(records.len() * NodeRecord::BYTES);
-            for (key, record) in &records {
-                bytes.extend_from_slice(&to_bytes(*key, record));
+        let (mut list, mut bytes, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+        for (key, record) in records(store, keys) {
+            match format {
+                Format::Json => list.push(to_json(key, &record)),
+                Format::Binary => bytes.extend_from_slice(&to_bytes(key, &record)),
             }
-            Answer::document(bytes, "application/octet-stream")
+            errors.extend(record.err());
         }
+        let answer = match format {
+            Format::Json => Answer::json(&list),
+            Format::Binary => Ok(Answer::document(bytes, "application/octet-stream")),
+        };
+        // Packing megabytes takes long enough to be work for the pool.
+        (answer.map(|answer| answer.packed(&asked)), errors)
     };
-    Ok(answer.with("x-octavo-nodes", &all.to_string()).lasting(named.lifetime()).to(&conditions))
+    let (answer, errors) = app.read(&named.dataset, read).await?;
+    for error in &errors {
+        app.report(&named.dataset, error);
+    }
+    let answer = answer?.with("x-octavo-nodes", &all.to_string());
+    Ok(answer.lasting(named.lifetime()).to(&conditions))
 }
 
 /// The keys of a level in key order, without the first `skip`: whole subtrees are passed over at once.

@@ -1,8 +1,8 @@
 //! The web page, its files, and the description of the addresses: all part of the program.
 
+use super::asked::Path;
 use crate::answer::{Answer, Conditions};
 use crate::problem::Problem;
-use axum::extract::Path;
 use axum::response::Response;
 
 /// The page loads nothing from elsewhere, and nothing else may put it into a frame.

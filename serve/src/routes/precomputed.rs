@@ -1,12 +1,13 @@
 //! Datasets as Neuroglancer's precomputed.
 
+use super::asked::Path;
 use super::bricks::brick_answer;
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
 use crate::problem::Problem;
 use crate::product::Shape;
 use crate::views::precomputed::{chunk, info};
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Response;
 use std::sync::Arc;
 

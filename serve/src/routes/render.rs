@@ -1,11 +1,12 @@
 //! A picture drawn by the server, where it has a renderer.
 
+use super::asked::Path;
 use super::{CONVERGED, read_json};
 use crate::app::App;
 use crate::problem::Problem;
 use crate::render::RenderRequest;
 use axum::body::Body;
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::{HeaderName, StatusCode, header};
 use octree_store::loader::{Camera, TransferFunction, View};
@@ -71,7 +72,7 @@ pub(super) async fn render(
     body: Body,
 ) -> Result<Response, Problem> {
     let named = app.catalog.find(&name)?;
-    let wanted: Wanted = read_json(body, app.options.limits.body_bytes).await?;
+    let wanted: Wanted = read_json(&app, body).await?;
     let request = wanted.request()?;
     let Some(renderer) = app.renderer.clone() else {
         let detail = "this server draws no pictures";

@@ -1,11 +1,11 @@
 //! One slice of a level, for the page: raw samples, windowed by who shows them.
 
 use super::DIMS;
+use super::asked::{Path, Query};
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
 use crate::problem::Problem;
-use axum::extract::rejection::{PathRejection, QueryRejection};
-use axum::extract::{Path, Query, State};
+use axum::extract::State;
 use axum::response::Response;
 use octree_store::{Region, Store};
 use serde::Deserialize;
@@ -31,12 +31,10 @@ pub(super) struct Wanted {
 
 pub(super) async fn slice(
     State(app): State<Arc<App>>,
-    path: Result<Path<(String, Axis, u64)>, PathRejection>,
-    wanted: Result<Query<Wanted>, QueryRejection>,
+    Path((name, axis, index)): Path<(String, Axis, u64)>,
+    Query(Wanted { level }): Query<Wanted>,
     conditions: Conditions,
 ) -> Result<Response, Problem> {
-    let Path((name, axis, index)) = path?;
-    let Query(Wanted { level }) = wanted?;
     let named = app.catalog.find(&name)?;
     let geometry = &named.dataset.geometry;
     if !geometry.levels().contains(&level) {

@@ -1,5 +1,6 @@
 //! Datasets as OME-Zarr: documents made on request, chunks of bricks without their overlap.
 
+use super::asked::Path;
 use super::bricks::brick_answer;
 use crate::answer::{Answer, Conditions};
 use crate::app::App;
@@ -7,7 +8,7 @@ use crate::dataset::Named;
 use crate::problem::Problem;
 use crate::product::Shape;
 use crate::views::ome_zarr::{Flavour, Part};
-use axum::extract::{Path, State};
+use axum::extract::State;
 use axum::response::Response;
 use serde_json::json;
 use std::sync::Arc;

@@ -121,6 +121,8 @@ fn a_list_of_a_hundred_thousand_keys_is_refused() {
     let cut = json!({"cameras": [camera], "size": [9, 9], "have": keys[..20_000]});
     server.post("/v1/v/cut", &cut.to_string()).assert_problem(413);
     server.get("/v1/v/nodes?level=0&count=100000").assert_problem(413);
+    server.get("/v1/v/nodes?level=0&count=5000&format=json").assert_problem(413);
+    assert_eq!(server.get("/v1/v/nodes?level=0&count=5000").status, 200);
     assert_eq!(server.post("/v1/v/bricks", &json!({"keys": keys[..1000]}).to_string()).status, 200);
 }
 
@@ -193,6 +195,225 @@ fn a_client_that_takes_nothing_is_dropped() {
     let began = Instant::now();
     while server.post("/v1/v/bricks", r#"{"keys":[[0,0,0,0]]}"#).status != 200 {
         assert!(began.elapsed() < Duration::from_secs(20), "the stalled stream is still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// An HTTP/2 client that asks for so much and opens no window; how many of its requests were refused.
+async fn ask_and_take_nothing(
+    server: &Running,
+    method: &str,
+    path: &str,
+    body: &str,
+    times: usize,
+) -> (usize, tokio::task::JoinHandle<()>) {
+    let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+    let mut builder = h2::client::Builder::new();
+    builder.initial_window_size(0);
+    let (mut client, connection) = builder.handshake::<_, bytes::Bytes>(stream).await.unwrap();
+    let mut answers = Vec::new();
+    let kept = tokio::spawn(async move {
+        let _ = connection.await;
+    });
+    for _ in 0..times {
+        client = client.ready().await.unwrap();
+        let uri = format!("http://{}{path}", server.address);
+        let request = http::Request::builder().method(method).uri(uri).body(()).unwrap();
+        let (answer, mut sent) = client.send_request(request, body.is_empty()).unwrap();
+        if !body.is_empty() {
+            sent.send_data(body.to_owned().into(), true).unwrap();
+        }
+        answers.push(answer);
+    }
+    let (mut refused, mut kept_answers) = (0, Vec::new());
+    for answer in answers {
+        let answer = answer.await.unwrap();
+        refused += usize::from(answer.status() == 503);
+        kept_answers.push(answer);
+    }
+    let kept = tokio::spawn(async move {
+        let _ = kept.await;
+        drop((client, kept_answers));
+    });
+    (refused, kept)
+}
+
+fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap()
+}
+
+#[test]
+fn a_stream_of_which_an_http_2_client_takes_nothing_gives_way() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.stall_time = Duration::from_millis(400);
+    options.limits.streams = 1;
+    let server = Running::new(options);
+    let runtime = runtime();
+    let keys = r#"{"keys":[[0,0,0,0],[0,1,0,0]]}"#;
+    let (_, kept) =
+        runtime.block_on(ask_and_take_nothing(&server, "POST", "/v1/v/bricks", keys, 1));
+    server.post("/v1/v/bricks", keys).assert_problem(503);
+    let began = Instant::now();
+    while server.post("/v1/v/bricks", keys).status != 200 {
+        assert!(began.elapsed() < Duration::from_secs(20), "the stalled stream is still there");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    // Its connection was closed.
+    runtime.block_on(kept).unwrap();
+}
+
+#[test]
+fn a_stalled_stream_gives_way_to_one_who_asks_before_its_time_is_over() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.streams = 1;
+    let server = Running::new(options);
+    let keys = r#"{"keys":[[0,0,0,0],[0,1,0,0]]}"#;
+    let runtime = runtime();
+    let (_, _kept) =
+        runtime.block_on(ask_and_take_nothing(&server, "POST", "/v1/v/bricks", keys, 1));
+    let began = Instant::now();
+    while server.post("/v1/v/bricks", keys).status != 200 {
+        assert!(began.elapsed() < Duration::from_secs(15), "the stalled stream is still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn connections_that_ask_nothing_give_way_to_others_and_end_in_their_time() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.connections = 3;
+    let server = Running::new(options.clone());
+    let mut silent: Vec<TcpStream> = (0..3).map(|_| connect(&server)).collect();
+    silent[1].write_all(b"GET / HTTP/1.1\r\nhost: a\r\nx-slow: ").unwrap();
+    silent[2].write_all(b"GET /healthz HTTP/1.1\r\nhost: a\r\n\r\n").unwrap();
+    let served = |server: &Running| {
+        let mut stream = connect(server);
+        let _ = stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: a\r\nconnection: close\r\n\r\n");
+        rest(stream).starts_with("HTTP/1.1 200")
+    };
+    let began = Instant::now();
+    while !served(&server) {
+        // Long before the time in which a head must come.
+        assert!(began.elapsed() < Duration::from_secs(15), "silent connections keep their places");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+
+    // One of HTTP/2 that asks nothing, though it answers pings.
+    options.limits.head_time = Duration::from_millis(400);
+    let server = Running::new(options);
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (_client, connection) = h2::client::handshake(stream).await.unwrap();
+        let ended = tokio::time::timeout(Duration::from_secs(15), connection).await;
+        assert!(ended.is_ok(), "an idle connection is still open");
+    });
+}
+
+#[test]
+fn a_stream_that_is_taken_is_not_idle_however_long_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 32, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    options.limits.head_time = Duration::from_millis(200);
+    let server = Running::new(options);
+    let body = json!({"keys": vec![[0, 1, 1, 1]; 400]}).to_string();
+    let mut stream = connect(&server);
+    write!(
+        stream,
+        "POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let (mut all, mut part) = (Vec::new(), vec![0; 2 << 20]);
+    loop {
+        let count = stream.read(&mut part).unwrap();
+        all.extend_from_slice(&part[..count]);
+        if count == 0 {
+            break;
+        }
+        // Some forty times.
+        if all.len() % 3 == 0 {
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+    assert!(all.ends_with(b"\r\n0\r\n\r\n") && all.len() > 400 * 2 * 36 * 36 * 36);
+}
+
+#[test]
+fn answers_that_are_not_taken_have_bounded_room_and_give_way_to_others() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 32, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    // Ten bricks of 36^3 samples.
+    options.limits.answer_bytes = 10 * 2 * 36 * 36 * 36 + 10 * 1024;
+    let server = Running::new(options);
+    let runtime = runtime();
+    let (refused, kept) = runtime.block_on(ask_and_take_nothing(&server, "GET", BRICK, "", 15));
+    assert_eq!(refused, 5);
+    let said = server.get(BRICK);
+    said.assert_problem(503);
+    assert_eq!((said.header("retry-after"), server.get("/readyz").status), ("1", 200));
+    let began = Instant::now();
+    while server.get(BRICK).status != 200 {
+        // Long before the stalled answers' own time is over.
+        assert!(began.elapsed() < Duration::from_secs(15), "the stalled answers are still there");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    runtime.block_on(kept).unwrap();
+}
+
+#[test]
+fn bodies_that_do_not_end_have_bounded_room_and_harm_no_other_requests() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    // Three of a million bytes, in kibibytes.
+    options.limits.all_body_bytes = 3 * 977 * 1024;
+    options.limits.request_time = Duration::from_secs(5);
+    let server = Running::new(options);
+    let slow: Vec<TcpStream> = (0..6)
+        .map(|_| {
+            let mut stream = connect(&server);
+            stream.write_all(b"POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\ncontent-length: 1000000\r\nconnection: close\r\n\r\n{").unwrap();
+            stream
+        })
+        .collect();
+    std::thread::sleep(Duration::from_millis(300));
+    server.post("/v1/v/bricks", r#"{"keys":[[0,0,0,0]]}"#).assert_problem(503);
+    assert_eq!(server.get(BRICK).status, 200);
+    let said: Vec<String> = slow.into_iter().map(rest).collect();
+    let refused = said.iter().filter(|said| said.starts_with("HTTP/1.1 503")).count();
+    let late = said.iter().filter(|said| said.starts_with("HTTP/1.1 408")).count();
+    assert_eq!((refused, late), (3, 3), "{said:?}");
+    assert_eq!(server.post("/v1/v/bricks", r#"{"keys":[[0,0,0,0]]}"#).status, 200);
+}
+
+#[test]
+fn requests_at_once_are_bounded_and_health_is_told_all_the_same() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.requests = 2;
+    options.limits.request_time = Duration::from_secs(2);
+    let server = Running::new(options);
+    let _open: Vec<TcpStream> = (0..2)
+        .map(|_| {
+            let mut stream = connect(&server);
+            stream
+                .write_all(b"POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\ncontent-length: 100\r\n\r\n{")
+                .unwrap();
+            stream
+        })
+        .collect();
+    std::thread::sleep(Duration::from_millis(200));
+    server.get(BRICK).assert_problem(503);
+    assert_eq!((server.get("/healthz").status, server.get("/readyz").status), (200, 200));
+    let began = Instant::now();
+    while server.get(BRICK).status != 200 {
+        assert!(began.elapsed() < Duration::from_secs(20), "requests that ended still count");
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -294,7 +515,6 @@ fn open_requests_end_before_the_server_does() {
     .unwrap();
     let mut first = [0; 64];
     stream.read_exact(&mut first).unwrap();
-    let idle = connect(&server);
     let reader = std::thread::scope(|scope| {
         let reader = scope.spawn(move || {
             let mut all = first.to_vec();
@@ -304,8 +524,22 @@ fn open_requests_end_before_the_server_does() {
         server.stop();
         reader.join().unwrap()
     });
-    drop(idle);
     // Whole to the last chunk.
     assert!(reader.ends_with(b"\r\n0\r\n\r\n") && reader.len() > 400 * 36 * 36 * 36);
     assert!(TcpStream::connect(server.address).is_err());
+}
+
+#[test]
+fn connections_that_ask_nothing_do_not_delay_the_end() {
+    let folder = folder();
+    let mut server = Running::over(folder.path());
+    let mut kept: Vec<TcpStream> = (0..3).map(|_| connect(&server)).collect();
+    // One says nothing, one begins as HTTP/2 does, and one had its answer.
+    kept[1].write_all(b"PRI").unwrap();
+    kept[2].write_all(b"GET /healthz HTTP/1.1\r\nhost: a\r\n\r\n").unwrap();
+    let mut head = [0; 12];
+    kept[2].read_exact(&mut head).unwrap();
+    let began = Instant::now();
+    server.stop();
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
 }

@@ -224,6 +224,12 @@ fn what_is_not_there_is_a_clean_404() {
         "/v1/v/nodes?level=9",
         "/nothing",
         "/v1/v/slices/x/20",
+        "/v1/%ff%fe/info",
+        "/zarr3/%ff/zarr.json",
+        "/zarr2/v/%ff",
+        "/precomputed/%ff/info",
+        "/page/%ff",
+        "/page/..%2fapp.js",
     ] {
         server.get(path).assert_problem(404);
     }
