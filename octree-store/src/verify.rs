@@ -25,8 +25,8 @@ pub struct Report {
     pub bricks_checked: u64,
     /// The damaged ones, in key order.
     pub damaged: Vec<DamagedNode>,
-    /// What is wrong with the metadata: it does not follow from the records.
-    pub metadata: Option<&'static str>,
+    /// What is wrong with the store as a whole: with its metadata, the copy of these, or its index.
+    pub metadata: Option<String>,
 }
 
 impl Report {
@@ -84,13 +84,15 @@ fn verify_typed<T: Sample>(
         let mut expected = store.metadata().clone();
         summary.write_into(&mut expected);
         if expected != *store.metadata() {
-            report.metadata = Some("its sums over levels do not follow from the records");
+            report.metadata = Some("its sums over levels do not follow from the records".into());
         } else if digest.finish(store.metadata_json()).ok().as_ref()
             != Some(&store.metadata().digest)
         {
-            report.metadata = Some("its digest does not follow from the records");
+            report.metadata = Some("its digest does not follow from the records".into());
         } else if !store.copy_is_whole()? {
-            report.metadata = Some("the copy of its metadata is damaged");
+            report.metadata = Some("the copy of its metadata is damaged".into());
+        } else if let Some(what) = store.fault_of_index()? {
+            report.metadata = Some(format!("its index is damaged: {what}"));
         }
     }
     Ok(Some(report))

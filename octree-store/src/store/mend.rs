@@ -95,7 +95,10 @@ impl Store {
                 Ok(()) => {}
             }
         }
-        let whole = read.copy_is_whole()?;
-        Ok((!whole).then(|| "the copy of its metadata is damaged".into()))
+        if !read.copy_is_whole()? {
+            return Ok(Some("the copy of its metadata is damaged".into()));
+        }
+        let fault = read.fault_of_index()?;
+        Ok(fault.map(|what| format!("its index is damaged: {what}")))
     }
 }

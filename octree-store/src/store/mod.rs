@@ -6,6 +6,7 @@
 //! panics on damaged files into errors.
 
 mod assemble;
+mod check_index;
 mod committer;
 mod finish;
 mod guard;

@@ -154,8 +154,12 @@ impl Store {
         let mut outcome = Ok(());
         let mut visited = 0;
         let mut stopped = false;
+        let mut before = None;
         let read = self.records.visit_nodes(first..=last, |parent, group| {
-            let Some(parent) = NodeKey::from_u64(parent) else { return true };
+            // A damaged index may give other keys than it was asked for, or one of them twice.
+            let parent = NodeKey::from_u64(parent).filter(|parent| parent.level() == level + 1);
+            let Some(parent) = parent.filter(|parent| before < Some(*parent)) else { return true };
+            before = Some(parent);
             for child in parent.children() {
                 if !self.geometry.contains(child) {
                     continue;
