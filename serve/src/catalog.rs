@@ -5,16 +5,12 @@
 
 use crate::dataset::{Dataset, Named, PIN_DIGITS};
 use crate::problem::Problem;
-use octree_store::{OpenOptions, StoreError};
+use octree_store::{Store, StoreError};
 use std::collections::BTreeMap;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-
-/// Bytes of records that each open store may keep.
-const RECORD_CACHE_BYTES: usize = 16 << 20;
-
 /// Tells a file from the one that was there before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Fingerprint {
@@ -120,7 +116,7 @@ impl Catalog {
     }
 
     fn open(&self, name: &str, path: &Path, bytes: u64) -> Entry {
-        match (OpenOptions { cache_bytes: RECORD_CACHE_BYTES }).open(path) {
+        match Store::open(path) {
             Ok(store) => {
                 tracing::info!(dataset = name, "opened");
                 let id = self.next_id.fetch_add(1, Ordering::Relaxed);
