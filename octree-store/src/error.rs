@@ -57,12 +57,6 @@ pub enum Damage {
         /// Which part, and how.
         what: &'static str,
     },
-    /// The database beneath failed while this node was read.
-    #[error("the database beneath it is damaged: {what}")]
-    Database {
-        /// The database's own words.
-        what: String,
-    },
 }
 
 /// Why a store cannot be opened, read or written.
@@ -86,6 +80,15 @@ pub enum StoreError {
         found: u32,
         /// The newest version that this library reads.
         supported: u32,
+    },
+    /// The store is of a draft of the format.
+    #[error("{}: its format version is {found}, a draft that is no longer read: convert the source again",
+        path.display())]
+    OlderFormat {
+        /// The file.
+        path: PathBuf,
+        /// The version found.
+        found: u32,
     },
     /// The store needs what this version cannot do.
     #[error("{}: it uses features that this program does not know (bits {found:#x}): use a newer octavo",
@@ -189,7 +192,7 @@ pub enum StoreError {
         /// The system's error.
         source: io::Error,
     },
-    /// The database beneath reports an error of its own.
+    /// The database of a store in the making reports an error of its own.
     #[error("{}: the database in it cannot be used: {what}", path.display())]
     Database {
         /// The file.

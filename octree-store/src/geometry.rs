@@ -204,6 +204,31 @@ impl Geometry {
         above.into_iter().chain(within.into_iter().flatten())
     }
 
+    /// How many of the volume's keys come before this one of them, in key order.
+    pub fn rank(&self, key: NodeKey) -> u64 {
+        let below: u64 = (0..key.level()).map(|level| self.bricks_at(level)).sum();
+        let grid = self.grid_at(key.level());
+        let xyz = key.brick_xyz();
+        let mut before = 0;
+        // The cube that holds the key, halved along every axis until it is the key alone.
+        let mut corner = [0; 3];
+        for bit in (0..NodeKey::AXIS_BITS).rev() {
+            let half = 1 << bit;
+            if grid.iter().all(|n| *n <= half) {
+                continue;
+            }
+            let octant = [0, 1, 2].map(|axis| xyz[axis] >> bit & 1);
+            let at = |octant: [u64; 3], axis: usize| corner[axis] + half * octant[axis];
+            for i in 0..octant[0] + 2 * octant[1] + 4 * octant[2] {
+                let earlier = [i & 1, i >> 1 & 1, i >> 2];
+                let cells = |axis: usize| grid[axis].saturating_sub(at(earlier, axis)).min(half);
+                before += cells(0) * cells(1) * cells(2);
+            }
+            corner = [0, 1, 2].map(|axis| at(octant, axis));
+        }
+        below + before
+    }
+
     /// Which of the eight children of `key` exist: bit `x + 2y + 4z` of the octant. Level 0 has none.
     pub fn child_mask(&self, key: NodeKey) -> u8 {
         if key.level() == 0 {
@@ -254,11 +279,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_keys_of_a_level_come_in_order_and_their_parents_once() {
+    fn the_keys_of_a_level_come_in_order_and_their_parents_once_and_ranks_count_them() {
         for dims in [[1, 1, 1], [40, 33, 20], [100, 8, 300]] {
             let geometry = Geometry::new(dims, 8, 1).unwrap();
             for level in geometry.levels() {
                 let keys: Vec<_> = geometry.keys_at(level).collect();
+                let below: u64 = (0..level).map(|level| geometry.bricks_at(level)).sum();
+                for (before, key) in (below..).zip(&keys) {
+                    assert_eq!(geometry.rank(*key), before, "{key}");
+                }
                 assert_eq!(keys.len() as u64, geometry.bricks_at(level));
                 assert!(keys.is_sorted() && keys.iter().all(|key| geometry.contains(*key)));
                 let mut parents: Vec<_> = keys.iter().map(|key| key.parent()).collect();

@@ -93,4 +93,4 @@ pub use metadata::{
 pub use record::{BrickState, NodeRecord, PayloadPlace};
 pub use salvage::{SALVAGED_OF, Salvaged, salvage};
 pub use sample::{Sample, SampleBuffer, SampleType, to_le_bytes};
-pub use store::{BrickScratch, Children, Committed, Mender, OpenOptions, Store, StoreWriter};
+pub use store::{BrickScratch, Children, Committed, Mender, Store, StoreWriter};

@@ -32,7 +32,7 @@ pub struct Salvaged {
 }
 
 /// Copies all whole bricks of a store into a new one; after each brick it calls `go_on`, and ends with `None`
-/// where that says false. The store is best opened by [`crate::OpenOptions::open_remains`].
+/// where that says false. The store is best opened by [`Store::open_remains`].
 ///
 /// # Errors
 /// When a file cannot be read or written. Damage is no error.

@@ -25,8 +25,8 @@ pub struct Report {
     pub bricks_checked: u64,
     /// The damaged ones, in key order.
     pub damaged: Vec<DamagedNode>,
-    /// What is wrong with the metadata: it does not follow from the records.
-    pub metadata: Option<&'static str>,
+    /// What is wrong with the metadata.
+    pub metadata: Option<String>,
 }
 
 impl Report {
@@ -84,19 +84,19 @@ fn verify_typed<T: Sample>(
         let mut expected = store.metadata().clone();
         summary.write_into(&mut expected);
         if expected != *store.metadata() {
-            report.metadata = Some("its sums over levels do not follow from the records");
+            report.metadata = Some("its sums over levels do not follow from the records".into());
         } else if digest.finish(store.metadata_json()).ok().as_ref()
             != Some(&store.metadata().digest)
         {
-            report.metadata = Some("its digest does not follow from the records");
-        } else if !store.copy_is_whole()? {
-            report.metadata = Some("the copy of its metadata is damaged");
+            report.metadata = Some("its digest does not follow from the records".into());
+        } else if !store.metadata_are_there_twice()? {
+            report.metadata = Some("one of its two metadata records is damaged".into());
         }
     }
     Ok(Some(report))
 }
 
-/// Reads the records once more, level by level: that is another way through the index.
+/// Reads the records once more, level by level: that is another way to them.
 fn walk_levels(store: &Store, report: &mut Report) -> Result<(), StoreError> {
     for level in store.geometry().levels() {
         match store.visit_level(level, |_| true) {

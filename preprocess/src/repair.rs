@@ -42,7 +42,7 @@ pub struct Repair {
 }
 
 /// Makes the damaged bricks of a store anew from its source. The store is one opened by
-/// [`octree_store::OpenOptions::open_remains`]; of `how`, threads, memory, scratch and `start` are used.
+/// [`Store::open_remains`]; of `how`, threads, memory, scratch and `start` are used.
 ///
 /// # Errors
 /// [`PreprocessError::Misfit`] where the store was not made from this source; when a file cannot be read or

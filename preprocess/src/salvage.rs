@@ -7,7 +7,7 @@ use octree_store::{Salvaged, Store, StoreWriter};
 use std::path::Path;
 
 /// Copies all whole bricks of a store into a new one at `output`. The store is best opened by
-/// [`octree_store::OpenOptions::open_remains`].
+/// [`Store::open_remains`].
 ///
 /// # Errors
 /// When the output exists and `start` does not replace it, a file cannot be read or written, or `progress` asks

@@ -1,19 +1,15 @@
 //! Open stores: few at a time, however many are served.
 //!
-//! An open store has a file descriptor and a cache of records; a folder of a thousand would take all of one and gigabytes of
-//! the other. So what is known of a dataset is kept apart ([`Dataset`]), and its file is opened when bricks are
+//! An open store has a file descriptor; a folder of thousands would take them all. So what is known of a dataset is kept apart ([`Dataset`]), and its file is opened when bricks are
 //! asked for; of the open ones those that were not used for longest are closed.
 
 use crate::dataset::Dataset;
 use crate::problem::Problem;
-use octree_store::{OpenOptions, Store, StoreError};
+use octree_store::{Store, StoreError};
 use quick_cache::sync::Cache;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-
-/// Bytes of records that an open store may keep.
-const RECORD_CACHE_BYTES: usize = 8 << 20;
 
 /// The stores that are open, by their datasets' ids.
 #[derive(Debug)]
@@ -29,7 +25,7 @@ impl Handles {
 
     /// Opens a store, to see what it is.
     pub(crate) fn open(path: &Path) -> Result<Store, StoreError> {
-        OpenOptions { cache_bytes: RECORD_CACHE_BYTES }.open(path)
+        Store::open(path)
     }
 
     /// Keeps the store of a dataset open.

@@ -1,7 +1,7 @@
 //! `repair` makes a store what it was; `salvage` saves what is whole, and says what is not.
 
 use crate::support::Bench;
-use octree_store::{BrickScratch, BrickState, Geometry, NodeKey, OpenOptions, Region, Store};
+use octree_store::{BrickScratch, BrickState, Geometry, NodeKey, Region, Store};
 use serde_json::{Value, json};
 
 const SOURCE: &str = "a_40x33x20_u16.raw";
@@ -249,13 +249,13 @@ fn whatever_page_is_lost_the_rest_is_saved() {
         let mut damaged = bytes.clone();
         damaged[page * PAGE..((page + 1) * PAGE).min(bytes.len())].fill(0);
         bench.write("d.octavo", &damaged);
-        let store = OpenOptions::default().open_remains(bench.path("d.octavo")).unwrap();
+        let store = Store::open_remains(bench.path("d.octavo")).unwrap();
         let output = bench.path("s.octavo");
         let _ = std::fs::remove_file(&output);
         let start = preprocess::Start::Fresh;
         let saved = preprocess::salvage(&store, &output, start, &preprocess::NoProgress).unwrap();
-        // A page of lossless payloads lies in at most three bricks of 2,000 bytes; one of records holds 34 at most.
-        assert!(saved.lost.len() <= 34, "page {page}: {}", saved.lost.len());
+        // A page of lossless payloads lies in at most three bricks of 2,000 bytes; one of records has parts of 36 at most.
+        assert!(saved.lost.len() <= 36, "page {page}: {}", saved.lost.len());
         let read = Store::open(&output).unwrap();
         if saved.lost.is_empty() {
             untouched += 1;

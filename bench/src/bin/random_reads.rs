@@ -7,8 +7,7 @@ mod rates;
 
 use clap::Parser;
 use octree_store::{
-    BrickScratch, NodeKey, OpenOptions, Region, Sample, SampleType, Store, StoreError,
-    with_sample_type,
+    BrickScratch, NodeKey, Region, Sample, SampleType, Store, StoreError, with_sample_type,
 };
 use std::path::PathBuf;
 
@@ -23,9 +22,6 @@ struct Arguments {
     /// Threads
     #[arg(long, default_value_t = 1)]
     threads: u64,
-    /// redb's page cache in MiB
-    #[arg(long, value_name = "MIB")]
-    cache: Option<usize>,
     /// Read cubes of so many voxels a side at random places instead of bricks
     #[arg(long, value_name = "SIDE")]
     region: Option<u64>,
@@ -36,9 +32,7 @@ struct Arguments {
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let mut options = OpenOptions::default();
-    options.cache_bytes = arguments.cache.map_or(options.cache_bytes, |mib| mib << 20);
-    let store = options.open(&arguments.store)?;
+    let store = Store::open(&arguments.store)?;
     let sample_type: SampleType = store.metadata().sample_type;
     let Arguments { threads, reads, rounds, region, .. } = arguments;
     let what = if region.is_some() { "regions" } else { "bricks" };

@@ -6,7 +6,7 @@ use super::verify::DamagedJson;
 use crate::exit::Answer;
 use crate::progress::Bar;
 use clap::Args;
-use octree_store::OpenOptions;
+use octree_store::Store;
 use preprocess::{Repair as Done, Start, repair};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -52,7 +52,7 @@ struct RepairJson<'a> {
 
 impl Repair {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
-        let store = OpenOptions::default().open_remains(&self.store)?;
+        let store = Store::open_remains(&self.store)?;
         let source = self.how.open(&self.against, &store)?;
         let mut how = self.how.options();
         how.start = if self.force { Start::Replace } else { Start::Mend };

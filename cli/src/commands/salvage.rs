@@ -5,7 +5,7 @@ use super::verify::DamagedJson;
 use crate::exit::Answer;
 use crate::progress::Bar;
 use clap::Args;
-use octree_store::{OpenOptions, Salvaged};
+use octree_store::{Salvaged, Store};
 use preprocess::{Start, salvage};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -44,7 +44,7 @@ struct SalvageJson<'a> {
 
 impl Salvage {
     pub(super) fn run(self) -> anyhow::Result<Answer> {
-        let store = OpenOptions::default().open_remains(&self.store)?;
+        let store = Store::open_remains(&self.store)?;
         let bricks = store.geometry().bricks();
         let start = if self.force { Start::Replace } else { Start::Fresh };
         let bar = Bar::new("copying", bricks);

@@ -125,7 +125,7 @@ impl Verify {
             }
             against = Some(measured);
         }
-        let store_wrong = report.metadata.map(str::to_owned).or(totals_differ);
+        let store_wrong = report.metadata.or(totals_differ);
         self.tell(&VerifyJson {
             schema: "octavo.verify/1",
             ok: damaged.is_empty() && store_wrong.is_none(),

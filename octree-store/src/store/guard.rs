@@ -1,7 +1,7 @@
 //! One place through which all redb calls go: a panic inside becomes an error.
 //!
-//! redb does not check its checksums while reading, and asserts on pages that make no sense; a
-//! damaged file must not take the reader's program down, nor print to its stderr.
+//! redb asserts on pages that make no sense; a damaged work index must not take the program down that goes on
+//! with it, nor print to its stderr.
 
 use crate::error::StoreError;
 use std::cell::Cell;

@@ -6,7 +6,7 @@
 use super::reader::Store;
 use super::superblock::SUPERBLOCK_BYTES;
 use super::writer::io_at;
-use crate::error::{Damage, StoreError};
+use crate::error::StoreError;
 use crate::record::NodeRecord;
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
@@ -55,9 +55,9 @@ impl Mender {
 }
 
 impl Store {
-    /// What is wrong with the file of which this store is what remains
-    /// ([`crate::OpenOptions::open_remains`]), apart from records and payloads: its first page, its index, or the copy
-    /// of its metadata. None where a reader finds all that was found.
+    /// What is wrong with the file of which this store is what remains ([`Store::open_remains`]), apart from records
+    /// and payloads that are damaged: its first page, its metadata, or the places of its records. None where a
+    /// reader finds all that was found.
     ///
     /// # Errors
     /// When the file cannot be read.
@@ -67,35 +67,19 @@ impl Store {
             Err(error @ StoreError::Io { .. }) => return Err(error),
             Err(error) => return Ok(Some(error.to_string())),
         };
-        let mut any_lost = false;
-        for level in self.geometry.levels() {
-            for key in self.geometry.keys_at(level) {
-                let found = match self.node(key) {
-                    Ok(found) => found,
-                    Err(StoreError::Damaged { .. }) => {
-                        any_lost = true;
-                        continue;
-                    }
-                    Err(other) => return Err(other),
-                };
-                match read.node(key) {
-                    Ok(record) if record == found => {}
-                    Ok(_) => return Ok(Some("its index has other records than were found".into())),
-                    Err(error @ StoreError::Io { .. }) => return Err(error),
-                    Err(error) => return Ok(Some(error.to_string())),
+        for key in self.geometry.levels().flat_map(|level| self.geometry.keys_at(level)) {
+            match (self.node(key), read.node(key)) {
+                (Err(error @ StoreError::Io { .. }), _)
+                | (_, Err(error @ StoreError::Io { .. })) => {
+                    return Err(error);
                 }
-            }
-            match read.visit_level(level, |_| true) {
-                Err(StoreError::Damaged { damage: Damage::Database { what }, .. }) => {
-                    return Ok(Some(what));
-                }
-                Err(StoreError::Damaged { .. }) if any_lost => {}
-                Err(error @ StoreError::Io { .. }) => return Err(error),
-                Err(error) => return Ok(Some(error.to_string())),
-                Ok(()) => {}
+                (Ok(found), Ok(record)) if found == record => {}
+                (Ok(_), _) => return Ok(Some("records have changed places".into())),
+                // Nothing was found of it.
+                (Err(_), _) => {}
             }
         }
-        let whole = read.copy_is_whole()?;
-        Ok((!whole).then(|| "the copy of its metadata is damaged".into()))
+        let twice = read.metadata_are_there_twice()?;
+        Ok((!twice).then(|| "one of its two metadata records is damaged".into()))
     }
 }

@@ -1,19 +1,19 @@
-//! The store: one file of a first page, the payloads, and an index of records and metadata (FORMAT.md).
+//! The store: one file of a first page, the payloads, and a table of records between two copies of the metadata
+//! (FORMAT.md).
 //!
-//! Payloads form an append-only byte stream that is read in place; the index behind it is a redb
-//! database, in which the records of eight siblings are one value keyed by their parent, so that
-//! refining a node is one read. `tables.rs` alone names redb's tables, and `guard.rs` turns redb's
-//! panics on damaged files into errors.
+//! Payloads form an append-only byte stream that is read in place; a record's place in the table is its node's
+//! rank, so that those of eight siblings are one read. While a store is made its records are in a database of
+//! their own, redb: `tables.rs` alone names its tables, and `guard.rs` turns its panics into errors.
 
 mod assemble;
 mod committer;
 mod finish;
 mod guard;
-mod index_backend;
 mod mend;
 mod open;
 mod payload_file;
 mod reader;
+mod record_table;
 mod records;
 mod remains;
 mod superblock;
@@ -22,6 +22,5 @@ mod texels;
 mod writer;
 
 pub use mend::Mender;
-pub use open::OpenOptions;
 pub use reader::{BrickScratch, Children, Store};
 pub use writer::{Committed, StoreWriter};

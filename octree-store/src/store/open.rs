@@ -1,16 +1,13 @@
 //! Opening a complete store for reading: what must be right before anything is read from it.
 
-use super::guard::guard;
-use super::index_backend::IndexBackend;
 use super::reader::Store;
+use super::record_table::RecordTable;
 use super::records::Records;
 use super::superblock::{Superblock, SuperblockError};
-use super::tables::ReadTables;
 use crate::error::StoreError;
 use crate::metadata::{FORMAT_VERSION, FRAME_BYTES, Metadata, MetadataError};
-use crate::record::NodeRecord;
-use redb::Builder;
 use std::fs::File;
+use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -18,119 +15,114 @@ use std::sync::Arc;
 /// More than the metadata of any volume: what is longer is none.
 pub(super) const MOST_METADATA_BYTES: u64 = 1 << 20;
 
-/// How to open a store for reading.
-#[derive(Debug, Clone, Copy)]
-pub struct OpenOptions {
-    /// Bytes of redb's page cache, which holds records (default 64 MiB).
-    pub cache_bytes: usize,
-}
-
-impl Default for OpenOptions {
-    fn default() -> Self {
-        Self { cache_bytes: 64 << 20 }
-    }
-}
-
-impl OpenOptions {
+impl Store {
     /// Opens a complete store for reading.
     ///
     /// # Errors
-    /// When the file cannot be read, is no store, is of a later version, was never finished, is
-    /// being written, or its metadata is damaged.
-    pub fn open(&self, path: impl AsRef<Path>) -> Result<Store, StoreError> {
+    /// When the file cannot be read, is no store, is of another version, was never finished, or its metadata are
+    /// damaged in both places.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, StoreError> {
         let path = path.as_ref();
         let io_error = |source| StoreError::Io { path: path.to_owned(), source };
-        let metadata_damaged =
-            |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
-        let incomplete = || StoreError::Incomplete { path: path.to_owned() };
-        // To open a pipe would wait for one who writes to it.
-        let kind = std::fs::metadata(path).map_err(io_error)?.file_type();
-        if !kind.is_file() && !kind.is_dir() {
-            let found = "it is a pipe, a socket or a device";
-            return Err(StoreError::NotAStore { path: path.to_owned(), found });
-        }
-        let file = File::open(path).map_err(io_error)?;
-        let superblock = Superblock::read(&file).map_err(|error| match error {
-            SuperblockError::Io(source) => io_error(source),
-            SuperblockError::NotAStore(found) => {
-                StoreError::NotAStore { path: path.to_owned(), found }
-            }
-            SuperblockError::Newer(found) => newer(path, found),
-            SuperblockError::Features(found) => {
-                StoreError::UnknownFeatures { path: path.to_owned(), found }
-            }
-            SuperblockError::Damaged(what) => metadata_damaged(what.into()),
-        })?;
+        let damaged = |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
+        let file = open_file(path)?;
+        let superblock = Superblock::read(&file).map_err(|error| refused(path, error))?;
         if superblock.index_offset == 0 {
-            return Err(incomplete());
+            return Err(StoreError::Incomplete { path: path.to_owned() });
         }
         let found = file.metadata().map_err(io_error)?.len();
+        let wrong_length = |expected| StoreError::Length { path: path.to_owned(), expected, found };
         if !superblock.fits(found) {
-            let expected = superblock.index_offset.saturating_add(superblock.index_bytes);
-            return Err(StoreError::Length { path: path.to_owned(), expected, found });
+            return Err(wrong_length(superblock.copy_offset()));
+        }
+        let [first, copy] = frames(&file, &superblock, found).map_err(io_error)?;
+        let (metadata, mut frame) = match Metadata::from_bytes(&first) {
+            Ok(metadata) => (metadata, first),
+            Err(MetadataError::Newer(found)) => return Err(newer(path, found)),
+            Err(error) => {
+                let metadata = Metadata::from_bytes(&copy);
+                (metadata.map_err(|_| damaged(error.to_string()))?, copy)
+            }
+        };
+        let expected = superblock.copy_offset() + frame.len() as u64;
+        if found != expected {
+            return Err(wrong_length(expected));
+        }
+        let geometry = metadata.geometry().map_err(|error| damaged(error.to_string()))?;
+        if RecordTable::bytes(&geometry) != Some(superblock.index_bytes) {
+            return Err(damaged("it speaks of other bricks than the index holds".into()));
         }
         let file = Arc::new(file);
-        let Superblock { index_offset, index_bytes, payload_bytes, .. } = superblock;
-        let backend = IndexBackend::reading(Arc::clone(&file), index_offset, index_bytes);
-        let database = guard(|| {
-            Builder::new().set_cache_size(self.cache_bytes).open_read_only_with_backend(backend)
-        })
-        .map_err(|failure| failure.at(path))?;
-        let tables = ReadTables::open(&database).map_err(|failure| failure.at(path))?;
-        let mut bytes =
-            tables.metadata().map_err(|failure| failure.at(path))?.ok_or_else(incomplete)?;
-        let metadata = Metadata::from_bytes(&bytes).map_err(|error| match error {
-            MetadataError::Newer(found) => newer(path, found),
-            other => metadata_damaged(other.to_string()),
-        })?;
-        if !metadata.complete {
-            return Err(incomplete());
-        }
-        let geometry = metadata.geometry().map_err(|error| metadata_damaged(error.to_string()))?;
-        // Whoever goes through all bricks must not go on for ever.
-        if geometry.bricks() > index_bytes / NodeRecord::BYTES as u64 {
-            return Err(metadata_damaged(
-                "it speaks of more bricks than the index can hold".into(),
-            ));
-        }
-        Ok(Store {
+        let offset = superblock.index_offset;
+        let records = RecordTable { file: Arc::clone(&file), offset, geometry };
+        Ok(Self {
             path: path.to_owned(),
             file,
             superblock: Some(superblock),
-            payload_bytes,
-            json: bytes.split_off(FRAME_BYTES),
+            payload_bytes: superblock.payload_bytes,
+            json: frame.split_off(FRAME_BYTES),
             metadata,
             geometry,
-            records: Records::Index { tables: Box::new(tables), _database: database },
+            records: Records::Table(records),
         })
     }
-}
 
-impl Store {
     /// The metadata as they are stored.
     pub(crate) fn metadata_json(&self) -> &[u8] {
         &self.json
     }
 
-    /// Whether the copy of the metadata between payloads and index is what it should be. Version 0 had none.
-    pub(crate) fn copy_is_whole(&self) -> Result<bool, StoreError> {
+    /// Whether the metadata stand in both places.
+    pub(crate) fn metadata_are_there_twice(&self) -> Result<bool, StoreError> {
         let Some(superblock) = self.superblock else { return Ok(false) };
-        let (begin, end) = (superblock.copy_offset(), superblock.index_offset);
-        if superblock.version == 0 || end - begin > MOST_METADATA_BYTES {
-            return Ok(superblock.version == 0);
-        }
-        let mut bytes = vec![0; (end - begin) as usize];
-        self.file
-            .read_exact_at(&mut bytes, begin)
-            .map_err(|source| StoreError::Io { path: self.path.clone(), source })?;
-        let length = (FRAME_BYTES + self.json.len()).min(bytes.len());
-        let (frame, zeros) = bytes.split_at(length);
-        Ok(frame.get(FRAME_BYTES..) == Some(&self.json)
-            && Metadata::from_bytes(frame).is_ok()
-            && zeros.iter().all(|byte| *byte == 0))
+        let length = self.file.metadata();
+        let read = length.and_then(|file| frames(&self.file, &superblock, file.len()));
+        let [first, copy] =
+            read.map_err(|source| StoreError::Io { path: self.path.clone(), source })?;
+        Ok(first == copy && Metadata::from_bytes(&first).is_ok())
     }
 }
 
-pub(super) fn newer(path: &Path, found: u32) -> StoreError {
+/// Opens a file that may be a store.
+pub(super) fn open_file(path: &Path) -> Result<File, StoreError> {
+    let io_error = |source| StoreError::Io { path: path.to_owned(), source };
+    // To open a pipe would wait for one who writes to it.
+    let kind = std::fs::metadata(path).map_err(io_error)?.file_type();
+    if !kind.is_file() && !kind.is_dir() {
+        let found = "it is a pipe, a socket or a device";
+        return Err(StoreError::NotAStore { path: path.to_owned(), found });
+    }
+    File::open(path).map_err(io_error)
+}
+
+/// The metadata frames of a store whose parts fit the file, the one before the index and the one behind it; empty
+/// where one would be longer than any is.
+fn frames(file: &File, superblock: &Superblock, file_bytes: u64) -> io::Result<[Vec<u8>; 2]> {
+    let read = |begin: u64, end: u64| {
+        let length = end.saturating_sub(begin);
+        let mut bytes = vec![0; if length > MOST_METADATA_BYTES { 0 } else { length as usize }];
+        file.read_exact_at(&mut bytes, begin)?;
+        Ok::<_, io::Error>(bytes)
+    };
+    let mut first = read(superblock.metadata_offset(), superblock.index_offset)?;
+    // Behind it are zeros up to the page's end; JSON ends with a brace.
+    first.truncate(first.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1));
+    Ok([first, read(superblock.copy_offset(), file_bytes)?])
+}
+
+/// The error for a first page that cannot be used.
+pub(super) fn refused(path: &Path, error: SuperblockError) -> StoreError {
+    let path = path.to_owned();
+    match error {
+        SuperblockError::Io(source) => StoreError::Io { path, source },
+        SuperblockError::NotAStore(found) => StoreError::NotAStore { path, found },
+        SuperblockError::Newer(found) => newer(&path, found),
+        SuperblockError::Older(found) => StoreError::OlderFormat { path, found },
+        SuperblockError::Features(found) => StoreError::UnknownFeatures { path, found },
+        SuperblockError::Damaged(what) => StoreError::MetadataDamaged { path, what: what.into() },
+    }
+}
+
+fn newer(path: &Path, found: u32) -> StoreError {
     StoreError::NewerFormat { path: path.to_owned(), found, supported: FORMAT_VERSION }
 }

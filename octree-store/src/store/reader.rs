@@ -1,7 +1,5 @@
 //! Reading a store: from any number of threads, and several processes at once.
 
-use super::guard::Failure;
-use super::open::OpenOptions;
 use super::records::Records;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock};
 use crate::encoding::decode::{DecodeScratch, Decoding};
@@ -14,6 +12,7 @@ use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::{Sample, SampleBuffer};
 use crate::with_sample_type;
 use std::fs::File;
+use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -71,14 +70,6 @@ impl std::fmt::Debug for Store {
 }
 
 impl Store {
-    /// Opens a complete store for reading, with the default options.
-    ///
-    /// # Errors
-    /// As [`OpenOptions::open`].
-    pub fn open(path: impl AsRef<Path>) -> Result<Self, StoreError> {
-        OpenOptions::default().open(path)
-    }
-
     /// The store's file.
     pub fn path(&self) -> &Path {
         &self.path
@@ -121,13 +112,10 @@ impl Store {
             return Err(StoreError::Absent { path: self.path.clone(), key: parent });
         }
         if parent.level() > 0 {
-            let group =
-                self.records.nodes(parent.to_u64()).map_err(|failure| self.at(parent, failure))?;
+            let group = self.group(parent)?;
             for (octant, child) in parent.children().into_iter().enumerate() {
                 if self.geometry.contains(child) {
-                    let group =
-                        group.as_ref().ok_or_else(|| self.damaged(child, Damage::RecordMissing))?;
-                    records[octant] = Some(self.record_in(group, child)?);
+                    records[octant] = Some(self.record_in(&group, child)?);
                 }
             }
         }
@@ -149,36 +137,16 @@ impl Store {
             let key = NodeKey::first_of_level(top + 1);
             return Err(StoreError::Absent { path: self.path.clone(), key });
         }
-        let first = NodeKey::first_of_level(level).parent().to_u64();
-        let last = NodeKey::last_of_level(level).parent().to_u64();
         let mut outcome = Ok(());
-        let mut visited = 0;
-        let mut stopped = false;
-        let read = self.records.visit_nodes(first..=last, |parent, group| {
-            let Some(parent) = NodeKey::from_u64(parent) else { return true };
-            for child in parent.children() {
-                if !self.geometry.contains(child) {
-                    continue;
-                }
-                match self.record_in(group, child) {
-                    Ok(record) => {
-                        visited += 1;
-                        stopped = !visit(&record);
-                    }
-                    Err(error) => outcome = Err(error),
-                }
-                if stopped || outcome.is_err() {
-                    return false;
-                }
+        let read = self.records.visit(level, &mut |key, bytes| match self.record(key, bytes) {
+            Ok(record) => visit(&record),
+            Err(error) => {
+                outcome = Err(error);
+                false
             }
-            true
         });
-        read.map_err(|failure| self.at(NodeKey::first_of_level(level), failure))?;
-        outcome?;
-        if !stopped && visited != self.geometry.bricks_at(level) {
-            return Err(self.damaged(NodeKey::first_of_level(level), Damage::RecordMissing));
-        }
-        Ok(())
+        read.map_err(|source| self.at(NodeKey::first_of_level(level), source))?;
+        outcome
     }
 
     /// A brick's payload as it is stored, checked against its checksum; empty where it has none.
@@ -291,9 +259,12 @@ impl Store {
 
     /// The bytes of the records of a node and its siblings.
     pub(super) fn siblings(&self, key: NodeKey) -> Result<Vec<u8>, StoreError> {
-        let group =
-            self.records.nodes(key.parent().to_u64()).map_err(|failure| self.at(key, failure))?;
-        group.ok_or_else(|| self.damaged(key, Damage::RecordMissing))
+        self.group(key.parent())
+    }
+
+    /// The bytes of the records beneath a node.
+    fn group(&self, parent: NodeKey) -> Result<Vec<u8>, StoreError> {
+        self.records.group(parent).map_err(|source| self.at(parent, source))
     }
 
     /// Reads and decodes a brick of whatever type the store has.
@@ -339,12 +310,18 @@ impl Store {
         let bytes = group
             .get(before * NodeRecord::BYTES..(before + 1) * NodeRecord::BYTES)
             .ok_or_else(|| self.damaged(key, Damage::RecordMissing))?;
-        let record = NodeRecord::from_bytes(bytes)
-            .ok_or_else(|| self.damaged(key, Damage::RecordChecksum))?;
-        if record.key == key {
-            Ok(record)
-        } else {
-            Err(self.damaged(key, Damage::RecordOfAnotherNode))
+        self.record(key, bytes)
+    }
+
+    /// The record of `key` that these bytes should be.
+    fn record(&self, key: NodeKey, bytes: &[u8]) -> Result<NodeRecord, StoreError> {
+        match NodeRecord::from_bytes(bytes) {
+            Some(record) if record.key == key => Ok(record),
+            Some(_) => Err(self.damaged(key, Damage::RecordOfAnotherNode)),
+            None if bytes.iter().all(|byte| *byte == 0) => {
+                Err(self.damaged(key, Damage::RecordMissing))
+            }
+            None => Err(self.damaged(key, Damage::RecordChecksum)),
         }
     }
 
@@ -369,7 +346,7 @@ impl Store {
         }
         payload.resize(length as usize, 0);
         self.file.read_exact_at(payload, SUPERBLOCK_BYTES + offset).map_err(|source| {
-            if source.kind() == std::io::ErrorKind::UnexpectedEof {
+            if source.kind() == io::ErrorKind::UnexpectedEof {
                 self.damaged(record.key, Damage::PayloadMissing { stream, offset })
             } else {
                 StoreError::Io { path: self.path.clone(), source }
@@ -381,11 +358,12 @@ impl Store {
         payload::check(record, payload).map_err(|damage| self.damaged(record.key, damage))
     }
 
-    /// The error for a failure of the database while a node was read.
-    fn at(&self, key: NodeKey, failure: Failure) -> StoreError {
-        match failure {
-            Failure::Corrupt(what) => self.damaged(key, Damage::Database { what }),
-            other => other.at(&self.path),
+    /// The error for records that could not be read.
+    fn at(&self, key: NodeKey, source: io::Error) -> StoreError {
+        if source.kind() == io::ErrorKind::UnexpectedEof {
+            self.damaged(key, Damage::RecordMissing)
+        } else {
+            StoreError::Io { path: self.path.clone(), source }
         }
     }
 }

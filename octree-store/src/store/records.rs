@@ -1,41 +1,37 @@
-//! Where a store's records come from: its index, or, where that may be damaged, what is found of them in the file.
+//! Where a store's records come from: its table, or, where that may be damaged, what is found of them in the file.
 
-use super::guard::Failure;
+use super::record_table::RecordTable;
 use super::remains::FoundRecords;
-use super::tables::ReadTables;
-use redb::ReadOnlyDatabase;
-use std::ops::RangeInclusive;
+use crate::key::NodeKey;
+use std::io;
 
-/// The records of a store that is open.
+/// The records of a store that is open. One that is not there is zeros.
+#[derive(Debug)]
 pub(super) enum Records {
-    /// Its index.
-    Index {
-        tables: Box<ReadTables>,
-        /// What the tables read from.
-        _database: ReadOnlyDatabase,
-    },
+    /// Its table.
+    Table(RecordTable),
     /// Those that are whole, wherever they lie.
     Found(FoundRecords),
 }
 
 impl Records {
-    /// The records beneath one parent, in octant order. One that was not found is zeros.
-    pub(super) fn nodes(&self, parent: u64) -> Result<Option<Vec<u8>>, Failure> {
+    /// The records beneath a node, one after the other in octant order.
+    pub(super) fn group(&self, parent: NodeKey) -> io::Result<Vec<u8>> {
         match self {
-            Self::Index { tables, .. } => tables.nodes(parent),
-            Self::Found(found) => found.nodes(parent),
+            Self::Table(table) => table.group(parent),
+            Self::Found(found) => found.group(parent),
         }
     }
 
-    /// Calls `visit` with (parent, records) in key order until it returns false.
-    pub(super) fn visit_nodes(
+    /// Calls `visit` with each node of a level and the bytes of its record, in key order, until it returns false.
+    pub(super) fn visit(
         &self,
-        parents: RangeInclusive<u64>,
-        mut visit: impl FnMut(u64, &[u8]) -> bool,
-    ) -> Result<(), Failure> {
+        level: u8,
+        visit: &mut dyn FnMut(NodeKey, &[u8]) -> bool,
+    ) -> io::Result<()> {
         match self {
-            Self::Index { tables, .. } => tables.visit_nodes(parents, visit),
-            Self::Found(found) => found.visit_nodes(parents, &mut visit),
+            Self::Table(table) => table.visit(level, visit),
+            Self::Found(found) => found.visit(level, visit),
         }
     }
 }

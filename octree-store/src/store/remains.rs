@@ -1,12 +1,10 @@
 //! A damaged store, read for what is whole in it.
 //!
 //! A record has a checksum and names its node, and the metadata frame has a magic and a checksum: both are
-//! known wherever they lie. So the index is not asked at all, and one whose pages make no sense costs no more
-//! than the records that were in the bytes that changed. What is found is read as any store is; what is not
-//! found is damaged.
+//! known wherever they lie, whatever the first page says, and where parts of the file have changed places.
+//! What is found is read as any store is; what is not found is damaged.
 
-use super::guard::Failure;
-use super::open::{MOST_METADATA_BYTES, OpenOptions, newer};
+use super::open::{MOST_METADATA_BYTES, open_file, refused};
 use super::reader::Store;
 use super::records::Records;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
@@ -18,7 +16,6 @@ use crate::record::NodeRecord;
 use serde::de::IgnoredAny;
 use std::fs::File;
 use std::io;
-use std::ops::RangeInclusive;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -36,45 +33,31 @@ pub(super) struct FoundRecords {
 }
 
 impl FoundRecords {
-    fn record_bytes(&self, key: NodeKey) -> Result<Option<[u8; NodeRecord::BYTES]>, Failure> {
-        let found = self.places.binary_search_by_key(&key.to_u64(), |(key, _)| *key);
-        let Ok(index) = found else { return Ok(None) };
+    /// A record's bytes; zeros where none was found.
+    fn record(&self, key: NodeKey) -> io::Result<[u8; NodeRecord::BYTES]> {
         let mut bytes = [0; NodeRecord::BYTES];
-        self.file.read_exact_at(&mut bytes, self.places[index].1).map_err(Failure::Io)?;
-        Ok(Some(bytes))
-    }
-
-    pub(super) fn nodes(&self, parent: u64) -> Result<Option<Vec<u8>>, Failure> {
-        let Some(parent) = NodeKey::from_u64(parent).filter(|key| key.level() > 0) else {
-            return Ok(None);
-        };
-        let (mut group, mut any) = (Vec::new(), false);
-        for key in parent.children().into_iter().filter(|key| self.geometry.contains(*key)) {
-            let record = self.record_bytes(key)?;
-            any |= record.is_some();
-            group.extend_from_slice(&record.unwrap_or([0; NodeRecord::BYTES]));
+        let found = self.places.binary_search_by_key(&key.to_u64(), |(key, _)| *key);
+        if let Ok(index) = found {
+            self.file.read_exact_at(&mut bytes, self.places[index].1)?;
         }
-        Ok(any.then_some(group))
+        Ok(bytes)
     }
 
-    pub(super) fn visit_nodes(
+    pub(super) fn group(&self, parent: NodeKey) -> io::Result<Vec<u8>> {
+        let mut group = Vec::with_capacity(8 * NodeRecord::BYTES);
+        for key in parent.children().into_iter().filter(|key| self.geometry.contains(*key)) {
+            group.extend_from_slice(&self.record(key)?);
+        }
+        Ok(group)
+    }
+
+    pub(super) fn visit(
         &self,
-        parents: RangeInclusive<u64>,
-        visit: &mut dyn FnMut(u64, &[u8]) -> bool,
-    ) -> Result<(), Failure> {
-        let parent_of = |&(key, _): &(u64, u64)| {
-            NodeKey::from_u64(key).map_or(u64::MAX, |key| key.parent().to_u64())
-        };
-        // Parents come in the order of their children.
-        let first = self.places.partition_point(|place| parent_of(place) < *parents.start());
-        for siblings in self.places[first..].chunk_by(|a, b| parent_of(a) == parent_of(b)) {
-            let parent = siblings.first().map_or(u64::MAX, parent_of);
-            if parent > *parents.end() {
-                break;
-            }
-            if let Some(group) = self.nodes(parent)?
-                && !visit(parent, &group)
-            {
+        level: u8,
+        visit: &mut dyn FnMut(NodeKey, &[u8]) -> bool,
+    ) -> io::Result<()> {
+        for key in self.geometry.keys_at(level) {
+            if !visit(key, &self.record(key)?) {
                 break;
             }
         }
@@ -82,46 +65,35 @@ impl FoundRecords {
     }
 }
 
-impl OpenOptions {
-    /// Opens what is left of a store that may be damaged anywhere: all records that are whole count, the
-    /// index is not asked. Takes a moment for each gigabyte of index, and of the whole file where its first page
-    /// is damaged.
+impl Store {
+    /// Opens what is left of a store that may be damaged anywhere: all records that are whole count, wherever
+    /// they lie. Takes a moment for each gigabyte of index, and of the whole file where its first page is damaged.
     ///
     /// # Errors
-    /// When the file cannot be read, no metadata are left in it, it is of a later version, or was never
-    /// finished.
-    pub fn open_remains(&self, path: impl AsRef<Path>) -> Result<Store, StoreError> {
+    /// When the file cannot be read, no metadata are left in it, it is of another version, or was never finished.
+    pub fn open_remains(path: impl AsRef<Path>) -> Result<Self, StoreError> {
         let path = path.as_ref();
         let io_error = |source| StoreError::Io { path: path.to_owned(), source };
-        let file = File::open(path).map_err(io_error)?;
+        let file = open_file(path)?;
         let length = file.metadata().map_err(io_error)?;
-        if !length.is_file() {
-            let found = "it is not a plain file";
-            return Err(StoreError::NotAStore { path: path.to_owned(), found });
-        }
+        let is_file = length.is_file();
         let length = length.len();
         let superblock = match Superblock::read(&file) {
             Ok(superblock) if superblock.index_offset == 0 => {
                 return Err(StoreError::Incomplete { path: path.to_owned() });
             }
             Ok(superblock) => Some(superblock),
-            Err(SuperblockError::Newer(found)) => return Err(newer(path, found)),
-            Err(SuperblockError::Features(found)) => {
-                return Err(StoreError::UnknownFeatures { path: path.to_owned(), found });
-            }
-            Err(SuperblockError::Io(source)) => return Err(io_error(source)),
-            Err(SuperblockError::NotAStore(_) | SuperblockError::Damaged(_)) => None,
+            Err(SuperblockError::NotAStore(_) | SuperblockError::Damaged(_)) if is_file => None,
+            Err(other) => return Err(refused(path, other)),
         };
-        let begin = superblock.map_or(0, |superblock| superblock.copy_offset()).min(length);
+        let begin = superblock.map_or(0, |superblock| superblock.metadata_offset()).min(length);
         let Remains { metadata, mut places, end_of_payloads } =
             search(&file, begin, length).map_err(io_error)?;
         let Some((metadata, json)) = metadata else {
+            let found = "neither its beginning nor anything in it is a store's";
             return Err(match superblock {
                 Some(_) => StoreError::NothingLeft { path: path.to_owned() },
-                None => StoreError::NotAStore {
-                    path: path.to_owned(),
-                    found: "neither its beginning nor anything in it is of a store",
-                },
+                None => StoreError::NotAStore { path: path.to_owned(), found },
             });
         };
         let geometry = metadata.geometry().map_err(|error| StoreError::MetadataDamaged {
@@ -130,7 +102,6 @@ impl OpenOptions {
         })?;
         places.retain(|(key, _)| NodeKey::from_u64(*key).is_some_and(|key| geometry.contains(key)));
         places.sort_unstable();
-        // Copies of a record that the index let go of say the same.
         places.dedup_by_key(|(key, _)| *key);
         let payload_bytes = superblock
             .map_or(end_of_payloads, |superblock| superblock.payload_bytes)
@@ -138,7 +109,7 @@ impl OpenOptions {
         let file = Arc::new(file);
         let records = Records::Found(FoundRecords { file: Arc::clone(&file), geometry, places });
         let path = path.to_owned();
-        Ok(Store { path, file, superblock, payload_bytes, metadata, json, geometry, records })
+        Ok(Self { path, file, superblock, payload_bytes, metadata, json, geometry, records })
     }
 }
 

@@ -25,9 +25,9 @@ pub(crate) struct Superblock {
     pub(crate) version: u32,
     /// Bytes of the payload stream, from [`SUPERBLOCK_BYTES`] on.
     pub(crate) payload_bytes: u64,
-    /// Where the index begins; 0 in an unfinished store.
+    /// Where the index, the table of records, begins; 0 in an unfinished store.
     pub(crate) index_offset: u64,
-    /// Bytes of the index, with which the file ends.
+    /// Bytes of the index.
     pub(crate) index_bytes: u64,
 }
 
@@ -40,6 +40,8 @@ pub(crate) enum SuperblockError {
     NotAStore(&'static str),
     /// Its layout is newer.
     Newer(u32),
+    /// Its layout is that of a draft.
+    Older(u32),
     /// It needs features that this version has not.
     Features(u32),
     /// It is the first page of a store, and wrong.
@@ -47,11 +49,6 @@ pub(crate) enum SuperblockError {
 }
 
 impl Superblock {
-    /// Where the first whole page begins after so many bytes of payload: there lies the copy of the metadata.
-    pub(crate) fn end_of_payloads(payload_bytes: u64) -> u64 {
-        (SUPERBLOCK_BYTES + payload_bytes).next_multiple_of(SUPERBLOCK_BYTES)
-    }
-
     fn to_bytes(self) -> [u8; SUPERBLOCK_BYTES as usize] {
         let mut bytes = [0; SUPERBLOCK_BYTES as usize];
         bytes[0..8].copy_from_slice(&MAGIC);
@@ -100,6 +97,9 @@ impl Superblock {
         if version > FORMAT_VERSION {
             return Err(SuperblockError::Newer(version));
         }
+        if version < FORMAT_VERSION {
+            return Err(SuperblockError::Older(version));
+        }
         let unknown = u32_at(12) & !KNOWN_FEATURES;
         if unknown != 0 {
             return Err(SuperblockError::Features(unknown));
@@ -112,18 +112,27 @@ impl Superblock {
         })
     }
 
-    /// Where the copy of the metadata begins, in a store that has one: the first page behind the payloads.
-    pub(crate) fn copy_offset(&self) -> u64 {
-        Self::end_of_payloads(self.payload_bytes.min(u64::MAX >> 1))
+    /// Where the metadata frame begins: at the first page behind the payloads.
+    pub(crate) fn metadata_offset(&self) -> u64 {
+        page_after(self.payload_bytes.saturating_add(SUPERBLOCK_BYTES))
     }
 
-    /// Whether the parts lie where the file's length puts them.
-    pub(crate) fn fits(&self, file_bytes: u64) -> bool {
-        self.index_offset.checked_add(self.index_bytes) == Some(file_bytes)
-            && self.payload_bytes <= self.index_offset
-            && Self::end_of_payloads(self.payload_bytes) <= self.index_offset
-            && self.index_offset.is_multiple_of(SUPERBLOCK_BYTES)
+    /// Where the metadata frame begins once more: at the first page behind the index.
+    pub(crate) fn copy_offset(&self) -> u64 {
+        page_after(self.index_offset.saturating_add(self.index_bytes))
     }
+
+    /// Whether the parts lie in order, and their places are in a file of so many bytes.
+    pub(crate) fn fits(&self, file_bytes: u64) -> bool {
+        self.metadata_offset() < self.index_offset
+            && self.index_offset.is_multiple_of(SUPERBLOCK_BYTES)
+            && self.copy_offset() < file_bytes
+    }
+}
+
+/// The first place at a page's edge from a byte on.
+fn page_after(byte: u64) -> u64 {
+    byte.checked_next_multiple_of(SUPERBLOCK_BYTES).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]
@@ -142,12 +151,13 @@ mod tests {
             Superblock { payload_bytes: 70_000, index_offset: 81_920, index_bytes: 9, version: 1 };
         let bytes = written.to_bytes();
         assert_eq!(Superblock::read(&file_of(&bytes)).unwrap(), written);
-        assert!(written.fits(81_929) && !written.fits(81_928));
-        assert_eq!(Superblock::end_of_payloads(70_000), 77_824);
-        for index_offset in [77_823, 73_728, 80_000] {
+        assert_eq!((written.metadata_offset(), written.copy_offset()), (77_824, 86_016));
+        assert!(written.fits(86_017) && !written.fits(86_016));
+        for index_offset in [77_824, 73_728, 80_000, u64::MAX, u64::MAX - 4095] {
             let moved = Superblock { index_offset, ..written };
-            assert!(!moved.fits(index_offset + 9), "{index_offset}");
+            assert!(!moved.fits(u64::MAX), "{index_offset}");
         }
+        assert!(!Superblock { index_bytes: u64::MAX, ..written }.fits(u64::MAX));
         for at in 0..USED {
             let mut changed = bytes;
             changed[at] ^= 4;
@@ -164,9 +174,11 @@ mod tests {
     }
 
     #[test]
-    fn a_later_layout_is_told_from_a_damaged_one() {
+    fn a_later_layout_and_a_draft_are_told_from_a_damaged_one() {
         let bytes = Superblock { version: FORMAT_VERSION + 1, ..Superblock::default() }.to_bytes();
-        assert!(matches!(Superblock::read(&file_of(&bytes)), Err(SuperblockError::Newer(_))));
+        assert!(matches!(Superblock::read(&file_of(&bytes)), Err(SuperblockError::Newer(2))));
+        let bytes = Superblock::default().to_bytes();
+        assert!(matches!(Superblock::read(&file_of(&bytes)), Err(SuperblockError::Older(0))));
     }
 
     #[test]

@@ -1,76 +1,46 @@
-//! The redb tables: the one file that names them (FORMAT.md, "Index" and "Work in progress").
+//! The tables of a work index, a redb database: the one file that names them (FORMAT.md, "Work in progress").
 
 use super::guard::{Failure, guard};
 use redb::{
     Database, Durability, ReadOnlyTable, ReadTransaction, ReadableDatabase, TableDefinition,
     TableError, WriteTransaction,
 };
-use std::ops::RangeInclusive;
 
-/// One record: the metadata frame, under key 0.
+/// One value: how far the work is.
 const META: TableDefinition<u64, &[u8]> = TableDefinition::new("meta");
 /// Node records of up to eight siblings in octant order, keyed by their parent's [`crate::NodeKey`].
 const NODES: TableDefinition<u64, &[u8]> = TableDefinition::new("nodes");
-/// Of work in progress: what is known of a parent before its own record is written.
+/// What is known of a parent before its own record is written.
 const PROGRESS: TableDefinition<u64, &[u8]> = TableDefinition::new("progress");
 
-const META_KEY: u64 = 0;
-/// Of work in progress, in the `meta` table: how far it is.
 const STATE_KEY: u64 = 1;
 
-/// The tables of one snapshot of a store; shared freely between threads.
+/// The tables of a snapshot of a work index.
 pub(super) struct ReadTables {
     nodes: ReadOnlyTable<u64, &'static [u8]>,
     transaction: ReadTransaction,
 }
 
 impl ReadTables {
-    pub(super) fn open(database: &impl ReadableDatabase) -> Result<Self, Failure> {
-        let transaction = guard(|| database.begin_read())?;
-        let nodes = guard(|| transaction.open_table(NODES))?;
-        Ok(Self { nodes, transaction })
-    }
-
-    /// As [`ReadTables::open`], of work in progress; `None` where nothing was ever committed.
-    pub(super) fn open_begun(database: &impl ReadableDatabase) -> Result<Option<Self>, Failure> {
+    /// `None` where nothing was ever committed.
+    pub(super) fn open(database: &impl ReadableDatabase) -> Result<Option<Self>, Failure> {
         let transaction = guard(|| database.begin_read())?;
         let nodes = guard(|| existing(transaction.open_table(NODES)))?;
         Ok(nodes.map(|nodes| Self { nodes, transaction }))
     }
 
-    pub(super) fn metadata(&self) -> Result<Option<Vec<u8>>, Failure> {
-        self.value(META, META_KEY)
-    }
-
-    /// How far work in progress is.
+    /// How far the work is.
     pub(super) fn state(&self) -> Result<Option<Vec<u8>>, Failure> {
-        self.value(META, STATE_KEY)
-    }
-
-    fn value(
-        &self,
-        table: TableDefinition<u64, &'static [u8]>,
-        key: u64,
-    ) -> Result<Option<Vec<u8>>, Failure> {
-        let table = guard(|| self.transaction.open_table(table))?;
-        guard(|| Ok::<_, redb::Error>(table.get(key)?.map(|value| value.value().to_vec())))
-    }
-
-    /// The records beneath one parent. They are copied: looking at a damaged page can panic too.
-    pub(super) fn nodes(&self, parent: u64) -> Result<Option<Vec<u8>>, Failure> {
-        guard(|| Ok::<_, redb::Error>(self.nodes.get(parent)?.map(|value| value.value().to_vec())))
+        let table = guard(|| self.transaction.open_table(META))?;
+        guard(|| Ok::<_, redb::Error>(table.get(STATE_KEY)?.map(|value| value.value().to_vec())))
     }
 
     /// Calls `visit` with (parent, records) in key order until it returns false.
-    pub(super) fn visit_nodes(
-        &self,
-        parents: RangeInclusive<u64>,
-        visit: impl FnMut(u64, &[u8]) -> bool,
-    ) -> Result<(), Failure> {
-        Self::visit(&self.nodes, parents, visit)
+    fn visit_nodes(&self, visit: impl FnMut(u64, &[u8]) -> bool) -> Result<(), Failure> {
+        Self::visit(&self.nodes, visit)
     }
 
-    /// Calls `visit` with (parent, what is known of it) of work in progress, until it returns false.
+    /// Calls `visit` with (parent, what is known of it), until it returns false.
     /// Where nothing was kept of any parent there is no such table.
     pub(super) fn visit_progress(
         &self,
@@ -78,15 +48,14 @@ impl ReadTables {
     ) -> Result<(), Failure> {
         let table = guard(|| existing(self.transaction.open_table(PROGRESS)))?;
         let Some(table) = table else { return Ok(()) };
-        Self::visit(&table, 0..=u64::MAX, visit)
+        Self::visit(&table, visit)
     }
 
     fn visit(
         table: &ReadOnlyTable<u64, &'static [u8]>,
-        keys: RangeInclusive<u64>,
         mut visit: impl FnMut(u64, &[u8]) -> bool,
     ) -> Result<(), Failure> {
-        let mut values = guard(|| table.range(keys))?;
+        let mut values = guard(|| table.range(0..=u64::MAX))?;
         loop {
             let next = guard(|| {
                 let Some((key, value)) = values.next().transpose()? else { return Ok(None) };
@@ -117,30 +86,30 @@ pub(super) struct Group {
     pub(super) progress: Vec<u8>,
 }
 
-/// Calls `visit` with (parent, records) in key order: of groups that were `committed` to a work index, and of
-/// `last`, in key order too, which no commit has taken.
+/// Calls `visit` with the records of one parent after the other, in key order: of groups that were `committed` to a
+/// work index, and of `last`, in key order too, which no commit has taken.
 pub(super) fn visit_all(
     committed: Option<&ReadTables>,
     last: &[Group],
-    mut visit: impl FnMut(u64, &[u8]) -> Result<(), Failure>,
+    mut visit: impl FnMut(&[u8]) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
     let mut last = last.iter().peekable();
     let mut outcome = Ok(());
     if let Some(committed) = committed {
-        committed.visit_nodes(0..=u64::MAX, |parent, records| {
+        committed.visit_nodes(|parent, records| {
             while let Some(group) = last.next_if(|group| group.parent < parent)
                 && outcome.is_ok()
             {
-                outcome = visit(group.parent, &group.records);
+                outcome = visit(&group.records);
             }
             if outcome.is_ok() {
-                outcome = visit(parent, records);
+                outcome = visit(records);
             }
             outcome.is_ok()
         })?;
     }
     outcome?;
-    last.try_for_each(|group| visit(group.parent, &group.records))
+    last.try_for_each(|group| visit(&group.records))
 }
 
 /// One write transaction; nothing is durable before [`WriteTables::commit`].
@@ -177,29 +146,9 @@ impl WriteTables {
         })
     }
 
-    /// Writes groups of records in key order, as [`visit_all`] gives them.
-    pub(super) fn copy_nodes(
-        &self,
-        committed: Option<&ReadTables>,
-        last: &[Group],
-    ) -> Result<(), Failure> {
-        let mut nodes = guard(|| self.0.open_table(NODES))?;
-        visit_all(committed, last, |parent, records| {
-            guard(|| nodes.insert(parent, records).map(drop))
-        })
-    }
-
-    pub(super) fn set_metadata(&self, bytes: &[u8]) -> Result<(), Failure> {
-        self.set(META_KEY, bytes)
-    }
-
     pub(super) fn set_state(&self, bytes: &[u8]) -> Result<(), Failure> {
-        self.set(STATE_KEY, bytes)
-    }
-
-    fn set(&self, key: u64, bytes: &[u8]) -> Result<(), Failure> {
         guard(|| {
-            self.0.open_table(META)?.insert(key, bytes)?;
+            self.0.open_table(META)?.insert(STATE_KEY, bytes)?;
             Ok::<_, redb::Error>(())
         })
     }

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// redb's page cache while writing; records are small, and come nearly in order.
-pub(super) const WRITER_CACHE_BYTES: usize = 8 << 20;
+const WRITER_CACHE_BYTES: usize = 8 << 20;
 
 /// Writes one store from beginning to end.
 ///
@@ -53,9 +53,8 @@ impl StoreWriter {
     /// Bytes of memory that a writer takes for a store of so many bricks, of which the records of
     /// `waiting` wait for a commit or are being committed.
     ///
-    /// Measured: a record takes 160 bytes while it waits, and about as many in each of two redb
-    /// caches, of the work index and of the store's own. The second takes as much again beside its
-    /// limit while it is put in order, and remembers a few bytes a record.
+    /// Measured: a record takes 160 bytes while it waits, and about as many in redb's cache of the work index, up to
+    /// its limit; there twice as many again when that is put in order and read at the end, with a few bytes a record.
     pub fn memory_bytes(bricks: u64, waiting: u64) -> u64 {
         const RECORD_BYTES: u64 = 160;
         let cache = WRITER_CACHE_BYTES as u64;
@@ -129,7 +128,7 @@ impl StoreWriter {
         }
         let database = create_database(work, work_path, true)?;
         let at_work = |failure: Failure| failure.at(work_path);
-        let Some(tables) = ReadTables::open_begun(&database).map_err(at_work)? else {
+        let Some(tables) = ReadTables::open(&database).map_err(at_work)? else {
             return Ok(None);
         };
         let Some(state) = tables.state().map_err(at_work)? else { return Ok(None) };
@@ -260,12 +259,12 @@ impl StoreWriter {
         self.committer.wait()
     }
 
-    /// Sums up the records, writes metadata and index behind the payloads, and marks the store complete.
+    /// Sums up the records, writes metadata and records behind the payloads, and marks the store complete.
     /// Returns the metadata as written: with levels, errors and digest. The work index stays: it is
     /// of no use once the store has its final name.
     ///
     /// # Errors
-    /// When the file cannot be written, or the metadata describes no volume.
+    /// When the file cannot be written, the metadata describes no volume, or bricks of it are missing.
     pub fn finish(mut self, mut metadata: Metadata) -> Result<Metadata, StoreError> {
         self.payloads.flush().map_err(|source| io_at(&self.path, source))?;
         // What no commit has taken does not go into the work index: records there that its state does
@@ -274,15 +273,20 @@ impl StoreWriter {
         let payload_bytes = payloads.bytes();
         let work = committer.finish()?;
         groups.sort_unstable_by_key(|group| group.parent);
-        let committed = ReadTables::open_begun(&work).map_err(|failure| failure.at(&work_path))?;
-        let rest = AllRecords {
+        let committed = ReadTables::open(&work).map_err(|failure| failure.at(&work_path))?;
+        let all = AllRecords {
             path: &path,
             work_path: &work_path,
             committed: committed.as_ref(),
             groups,
         };
-        let frame = rest.sum_up(&mut metadata)?;
-        rest.write_behind(&file, payload_bytes, &frame)?;
+        let unusable = |what: String| StoreError::MetadataDamaged { path: path.clone(), what };
+        let geometry = metadata.geometry().map_err(|error| unusable(error.to_string()))?;
+        all.sum_up(&geometry, &mut metadata)?;
+        let frame = metadata.to_bytes();
+        // A store that cannot be read again must not become complete.
+        Metadata::from_bytes(&frame).map_err(|error| unusable(error.to_string()))?;
+        all.write_behind(&file, payload_bytes, &geometry, &frame)?;
         Ok(metadata)
     }
 }

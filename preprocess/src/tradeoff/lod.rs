@@ -10,7 +10,7 @@ use crate::error::PreprocessError;
 use crate::progress::Progress;
 use crate::source::Source;
 use crate::volume::{Volume, VolumeSlices};
-use octree_store::{ErrorSum, ErrorTotal, OpenOptions, Sample, Store, with_sample_type};
+use octree_store::{ErrorSum, ErrorTotal, Sample, Store, with_sample_type};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
@@ -119,7 +119,7 @@ fn deviations<T: Sample>(
         .geometry()
         .levels()
         .map(|level| {
-            let store = OpenOptions { cache_bytes: 1 << 20 }.open(store.path())?;
+            let store = Store::open(store.path())?;
             Volume::of_store(store, level, None)
         })
         .collect::<Result<Vec<_>, _>>()?;
