@@ -171,7 +171,7 @@ fn what_is_no_store_is_told_from_a_damaged_a_newer_and_an_unfinished_one() {
     // The metadata's frame: magic, then the version.
     let mut newer = std::fs::read(bench.path("a.octavo")).unwrap();
     let places: Vec<usize> =
-        (0..newer.len() - 8).filter(|&i| newer[i..i + 8] == *b"OCTV\0\0\0\0").collect();
+        (0..newer.len() - 8).filter(|&i| newer[i..i + 8] == *b"OCTV\x01\0\0\0").collect();
     assert!(!places.is_empty());
     for place in places {
         newer[place + 4] = 200;

@@ -16,7 +16,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Memory of the program itself: its data, buffers of the allocator, redb without its cache.
-const BASE_BYTES: u64 = 1 << 20;
+const BASE_BYTES: u64 = 1216 << 10;
 /// What each thread takes beside buffers: its stack, and its arena of the allocator.
 const THREAD_BYTES: u64 = 64 << 10;
 /// Octets that are ahead of the walk for each thread: in the making, or waiting for one before them.
