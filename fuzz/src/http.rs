@@ -34,7 +34,7 @@ fn running() -> &'static Running {
         let mut options = Options::new(vec![folder.path().to_owned()]);
         options.bind.set_port(0);
         let (tell, told) = mpsc::sync_channel(1);
-        std::thread::spawn(move || {
+        let serving = std::thread::Builder::new().name("server".into()).spawn(move || {
             let runtime = tokio::runtime::Builder::new_multi_thread()
                 .worker_threads(1)
                 .enable_all()
@@ -46,6 +46,7 @@ fn running() -> &'static Running {
                 server.run(std::future::pending()).await;
             });
         });
+        serving.unwrap();
         let agent: ureq::Agent = ureq::Agent::config_builder()
             .http_status_as_error(false)
             .timeout_global(Some(Duration::from_secs(20)))

@@ -107,7 +107,7 @@ fn dicom(columns: u16, rows: u16, frames: u16) -> Vec<u8> {
     bytes.extend(element(2, 0, "UL", &(syntax.len() as u32).to_le_bytes()));
     bytes.extend(syntax);
     let pixels: Vec<u8> = (0..u32::from(columns) * u32::from(rows) * u32::from(frames) * 2)
-        .map(|i| (i * 31 >> 2) as u8)
+        .map(|i| (i * 31 / 4) as u8)
         .collect();
     for part in [
         element(8, 0x16, "UI", b"1.2.840.10008.5.1.4.1.1.2"),

@@ -70,7 +70,7 @@ pub fn raw_name(bytes: &[u8]) {
     let kept = |c: char| c != '/' && c != '\0';
     let name: String =
         String::from_utf8_lossy(bytes).chars().filter(|c| kept(*c)).take(60).collect();
-    let content: Vec<u8> = (0..4096_u32).map(|i| (i * 37 >> 3) as u8).collect();
+    let content: Vec<u8> = (0..4096_u32).map(|i| (i * 37 / 8) as u8).collect();
     named(&format!("a{name}.raw"), &content[..64 * (1 + bytes.len() % 64)]);
 }
 

@@ -189,7 +189,7 @@ impl Viewer {
         self.wish(true)
     }
 
-    fn painted(&mut self, painted: Painted) -> anyhow::Result<()> {
+    fn painted(&mut self, painted: Painted) {
         if let Some(problem) = painted.problems.last() {
             eprintln!("octavo: {problem}");
             self.problem = Some(problem.clone());
@@ -207,7 +207,6 @@ impl Viewer {
         }
         self.painted = Some(painted);
         self.redraw();
-        Ok(())
     }
 
     /// What is to be read upon the picture.
@@ -341,7 +340,10 @@ impl ApplicationHandler<News> for Viewer {
 
     fn user_event(&mut self, events: &ActiveEventLoop, news: News) {
         let result = match news {
-            News::Painted(painted) => self.painted(*painted),
+            News::Painted(painted) => {
+                self.painted(*painted);
+                Ok(())
+            }
             News::Failed(error) => Err(error),
         };
         self.check(result, events);
