@@ -17,7 +17,7 @@ const FULL: f64 = 13.0;
 const LINE: f64 = 16.0;
 const MARGIN: f64 = 8.0;
 
-/// Makes the font known. Before the first [`write`].
+/// Makes the font known. Before the first [`write()`].
 ///
 /// # Errors
 /// When the font in this program is damaged.
