@@ -58,6 +58,7 @@ compile_error!("samples and payloads are little-endian, and nothing swaps them h
 
 mod compensated_sum;
 pub mod digest;
+mod disk;
 pub mod encoding;
 mod error;
 mod error_sum;
@@ -78,6 +79,7 @@ mod summary;
 pub mod verify;
 
 pub use compensated_sum::{CompensatedSum, WeightedRms};
+pub use disk::{Disk, DiskFile, Operation, Watch};
 pub use encoding::{
     Effort, Encoding, MaxError, OverlapAtRest, Upload, UploadFormat, ValueMap, encode_samples,
 };

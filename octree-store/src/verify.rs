@@ -140,12 +140,15 @@ pub(crate) fn check_node<T: Sample>(
     if record.state != BrickState::Lost {
         store.decode_brick_core(&record, scratch, samples)?;
     }
-    // A damaged child is reported in its own place.
-    if let Ok(children) = store.children(key) {
-        for child in children.iter() {
-            if record.subtree_min > child.subtree_min || record.subtree_max < child.subtree_max {
-                return wrong("its subtree's range does not hold a child's");
-            }
+    let children = match store.children(key) {
+        Ok(children) => children,
+        // A damaged child is reported in its own place.
+        Err(StoreError::Damaged { .. }) => return Ok(record),
+        Err(other) => return Err(other),
+    };
+    for child in children.iter() {
+        if record.subtree_min > child.subtree_min || record.subtree_max < child.subtree_max {
+            return wrong("its subtree's range does not hold a child's");
         }
     }
     Ok(record)

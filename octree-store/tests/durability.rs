@@ -3,12 +3,12 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use octree_store::{
-    Encoding, Geometry, Metadata, NodeKey, SampleType, StoreWriter, encode_samples,
+    DiskFile, Encoding, Geometry, Metadata, NodeKey, SampleType, StoreWriter, encode_samples,
 };
 use std::fs::File;
 use std::os::fd::OwnedFd;
 
-fn committed(synced: Vec<File>) -> (bool, bool) {
+fn committed(synced: Vec<DiskFile>) -> (bool, bool) {
     let folder = tempfile::tempdir().unwrap();
     let [store, work] = ["a.octavo", "a.index"].map(|name| folder.path().join(name));
     let mut writer = StoreWriter::create(&store, &work, synced).unwrap();
@@ -25,12 +25,12 @@ fn committed(synced: Vec<File>) -> (bool, bool) {
 
 #[test]
 fn what_cannot_be_made_durable_is_not_committed() {
-    let file = || tempfile::tempfile().unwrap();
+    let file = || DiskFile::from(tempfile::tempfile().unwrap());
     assert_eq!(committed(vec![]), (true, true));
     assert_eq!(committed(vec![file()]), (true, true));
     // The system refuses to sync a pipe, as a failing disk does a file.
     let (_reader, pipe) = std::io::pipe().unwrap();
-    let pipe = File::from(OwnedFd::from(pipe));
+    let pipe = DiskFile::from(File::from(OwnedFd::from(pipe)));
     assert_eq!(committed(vec![file(), pipe]), (false, false), "nothing of it counts");
 }
 

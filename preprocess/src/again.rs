@@ -6,8 +6,7 @@ use crate::source::Source;
 use crate::source::map::unnamed_file;
 use crate::upscale::Upscale;
 use crate::walk::{Buffers, Earlier, Sink, Visitor, walk};
-use octree_store::{Effort, OverlapAtRest, Region, Sample, Store, StoreError};
-use std::fs::File;
+use octree_store::{DiskFile, Effort, OverlapAtRest, Region, Sample, Store, StoreError};
 use std::sync::Arc;
 
 /// What is walked, and how the store was made of it.
@@ -18,7 +17,7 @@ pub(crate) struct Again {
     pub(crate) plan: ConversionPlan,
     pub(crate) rules: ValueRules,
     /// Nothing is to be resumed: unnamed scratch will do.
-    scratch: Arc<File>,
+    scratch: Arc<DiskFile>,
 }
 
 impl Again {

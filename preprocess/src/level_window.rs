@@ -12,11 +12,9 @@
 use crate::source::map::map_range;
 use bytemuck::cast_slice;
 use memmap2::Mmap;
-use octree_store::{Geometry, NodeKey, Sample};
+use octree_store::{DiskFile, Geometry, NodeKey, Sample};
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
 /// Slots of a scratch file, one after the other, each with room for a chunk.
@@ -73,7 +71,7 @@ pub(crate) struct LevelWindow {
     layout: Layout,
     dims_z: u64,
     core: u64,
-    file: Arc<File>,
+    file: Arc<DiskFile>,
     map: Mmap,
     /// The chunks present are `first..end`.
     first: u64,
@@ -87,7 +85,7 @@ pub(crate) struct LevelWindow {
 #[derive(Debug)]
 pub(crate) struct ChunkWriter {
     layout: Layout,
-    file: Arc<File>,
+    file: Arc<DiskFile>,
 }
 
 impl ChunkWriter {
@@ -109,9 +107,9 @@ impl LevelWindow {
         geometry: &Geometry,
         level: u8,
         layout: Layout,
-        file: Arc<File>,
+        file: Arc<DiskFile>,
     ) -> io::Result<Self> {
-        let map = map_range(&file, layout.slots.offset, layout.bytes())?;
+        let map = map_range(file.file(), layout.slots.offset, layout.bytes())?;
         let (dims_z, core) = (geometry.dims_at(level)[2], u64::from(geometry.core()));
         Ok(Self { layout, dims_z, core, file, map, first: 0, end: 0, freed: VecDeque::new() })
     }
@@ -176,7 +174,7 @@ mod tests {
         let [grid_x, grid_y, grid_z] = geometry.grid_at(level);
         let slots = Slots { offset: 1 << 16, count: 3 };
         let layout = Layout::new(&geometry, level, 4, slots);
-        let file = Arc::new(tempfile::tempfile().unwrap());
+        let file = Arc::new(DiskFile::from(tempfile::tempfile().unwrap()));
         file.set_len(slots.offset + layout.bytes()).unwrap();
         let mut window = LevelWindow::new(&geometry, level, layout, Arc::clone(&file)).unwrap();
         let value = |[x, y, z]: [u64; 3]| (x + 1000 * y + 1_000_000 * z) as u32;

@@ -54,7 +54,7 @@ pub fn repair(
     progress: &dyn Progress,
 ) -> Result<Repair, PreprocessError> {
     let start = if how.start == Start::Replace { Start::Replace } else { Start::Mend };
-    let mut place = Output::prepare(store.path(), &source.files, None, start)?;
+    let mut place = Output::prepare(store.disk(), store.path(), &source.files, None, start)?;
     let again = Again::new(store, source, how)?;
     let survey = verify(store, || !progress.should_stop())?.ok_or(PreprocessError::Cancelled)?;
     let metadata = store.metadata();
@@ -98,7 +98,7 @@ fn put_right<T: Sample>(
     let format = again.options.brick_format();
     let encoder = BrickEncoder { format, rules: &again.rules };
     let mut sink = PutRight {
-        mender: Mender::open(store.path())?,
+        mender: Mender::open(store.disk(), store.path())?,
         left: records_of(store, damaged)?,
         others: false,
         progress,

@@ -18,7 +18,7 @@ pub fn salvage(
     start: Start,
     progress: &dyn Progress,
 ) -> Result<Salvaged, PreprocessError> {
-    let mut place = Output::prepare(output, &[store.path().to_owned()], None, start)?;
+    let mut place = Output::prepare(store.disk(), output, &[store.path().to_owned()], None, start)?;
     let writer = StoreWriter::create_in(place.file()?, &place.partial, &place.index, vec![])?;
     let salvaged = octree_store::salvage(store, writer, || {
         progress.bricks_done(1);

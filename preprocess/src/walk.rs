@@ -20,10 +20,9 @@ use crate::level_window::{ChunkWriter, Layout, LevelWindow};
 use crate::source::Source;
 use crate::upscale::Upscaler;
 use crate::window::{Window, WindowPlace};
-use octree_store::{DownsampleFilter, Geometry, NodeKey, Sample};
+use octree_store::{DiskFile, DownsampleFilter, Geometry, NodeKey, Sample};
 use rayon::ThreadPool;
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -105,7 +104,7 @@ pub(crate) struct Earlier {
     /// Octets that are done.
     pub(crate) octets: u64,
     /// The file of the windows' slots, all of whose blocks are taken.
-    pub(crate) scratch: Arc<File>,
+    pub(crate) scratch: Arc<DiskFile>,
 }
 
 /// Payload buffers on their way back from the writer: none is allocated anew in the long run.

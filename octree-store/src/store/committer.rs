@@ -5,9 +5,9 @@
 
 use super::guard::Failure;
 use super::tables::{Group, WriteTables};
+use crate::disk::DiskFile;
 use crate::error::StoreError;
 use redb::Database;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
@@ -40,7 +40,7 @@ impl Committer {
     /// Starts the thread; it syncs `files` before each commit.
     pub(super) fn start(
         database: Database,
-        files: Vec<Arc<File>>,
+        files: Vec<Arc<DiskFile>>,
         path: &Path,
     ) -> Result<Self, StoreError> {
         // One commit at work and one waiting: more would only hold memory.
@@ -82,6 +82,11 @@ impl Committer {
     pub(super) fn mark(&mut self) -> Result<u64, StoreError> {
         self.take_answers()?;
         Ok(self.mark)
+    }
+
+    /// The mark of the last commit that is known to be durable, whatever became of later ones.
+    pub(super) fn last_mark(&self) -> u64 {
+        self.mark
     }
 
     fn take_answers(&mut self) -> Result<(), StoreError> {
@@ -134,7 +139,7 @@ fn stopped(path: &Path) -> StoreError {
     StoreError::Database { path: path.to_owned(), what }
 }
 
-fn commit(database: &Database, files: &[Arc<File>], job: &Commit) -> Result<(), Failure> {
+fn commit(database: &Database, files: &[Arc<DiskFile>], job: &Commit) -> Result<(), Failure> {
     for file in files {
         file.sync_data().map_err(Failure::Io)?;
     }

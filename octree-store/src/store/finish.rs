@@ -7,14 +7,13 @@ use super::superblock::{SUPERBLOCK_BYTES, Superblock};
 use super::tables::{Group, ReadTables, visit_all};
 use super::writer::io_at;
 use crate::digest::Digest;
+use crate::disk::DiskFile;
 use crate::error::StoreError;
 use crate::geometry::Geometry;
 use crate::metadata::Metadata;
 use crate::record::NodeRecord;
 use crate::summary::Summary;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 /// Bytes of the table that are written at a time.
@@ -70,7 +69,7 @@ impl AllRecords<'_> {
     /// Writes the metadata frame, the table, the frame once more, and the first page.
     pub(super) fn write_behind(
         &self,
-        file: &File,
+        file: &DiskFile,
         payload_bytes: u64,
         geometry: &Geometry,
         frame: &[u8],
@@ -93,7 +92,7 @@ impl AllRecords<'_> {
         file.sync_all().map_err(io)
     }
 
-    fn write_table(&self, file: &File, offset: u64) -> Result<(), StoreError> {
+    fn write_table(&self, file: &DiskFile, offset: u64) -> Result<(), StoreError> {
         let mut waiting = Vec::with_capacity(BUFFER_BYTES + 8 * NodeRecord::BYTES);
         let mut at = offset;
         let mut flush = |waiting: &mut Vec<u8>| {

@@ -6,10 +6,9 @@
 use super::reader::Store;
 use super::superblock::SUPERBLOCK_BYTES;
 use super::writer::io_at;
+use crate::disk::{Disk, DiskFile};
 use crate::error::StoreError;
 use crate::record::NodeRecord;
-use std::fs::{File, OpenOptions};
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use twox_hash::XxHash3_128;
 
@@ -17,7 +16,7 @@ use twox_hash::XxHash3_128;
 #[derive(Debug)]
 pub struct Mender {
     path: PathBuf,
-    file: File,
+    file: DiskFile,
 }
 
 impl Mender {
@@ -25,8 +24,8 @@ impl Mender {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let file = OpenOptions::new().write(true).open(path).map_err(|e| io_at(path, e))?;
+    pub fn open(disk: &Disk, path: &Path) -> Result<Self, StoreError> {
+        let file = disk.open_to_write(path).map_err(|source| io_at(path, source))?;
         Ok(Self { path: path.to_owned(), file })
     }
 
@@ -62,7 +61,7 @@ impl Store {
     /// # Errors
     /// When the file cannot be read.
     pub fn fault_around_records(&self) -> Result<Option<String>, StoreError> {
-        let read = match Self::open(self.path()) {
+        let read = match Self::open_on(self.disk(), self.path()) {
             Ok(read) => read,
             Err(error @ StoreError::Io { .. }) => return Err(error),
             Err(error) => return Ok(Some(error.to_string())),

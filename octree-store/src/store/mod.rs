@@ -19,6 +19,7 @@ mod remains;
 mod superblock;
 mod tables;
 mod texels;
+mod work_backend;
 mod writer;
 
 pub use mend::Mender;

@@ -4,11 +4,10 @@ use super::reader::Store;
 use super::record_table::RecordTable;
 use super::records::Records;
 use super::superblock::{Superblock, SuperblockError};
+use crate::disk::{Disk, DiskFile};
 use crate::error::StoreError;
 use crate::metadata::{FORMAT_VERSION, FRAME_BYTES, Metadata, MetadataError};
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -22,15 +21,22 @@ impl Store {
     /// When the file cannot be read, is no store, is of another version, was never finished, or its metadata are
     /// damaged in both places.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, StoreError> {
-        let path = path.as_ref();
+        Self::open_on(&Disk::default(), path.as_ref())
+    }
+
+    /// As [`Store::open`], on a disk that may be watched.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub fn open_on(disk: &Disk, path: &Path) -> Result<Self, StoreError> {
         let io_error = |source| StoreError::Io { path: path.to_owned(), source };
         let damaged = |what: String| StoreError::MetadataDamaged { path: path.to_owned(), what };
-        let file = open_file(path)?;
+        let file = open_file(disk, path)?;
         let superblock = Superblock::read(&file).map_err(|error| refused(path, error))?;
         if superblock.index_offset == 0 {
             return Err(StoreError::Incomplete { path: path.to_owned() });
         }
-        let found = file.metadata().map_err(io_error)?.len();
+        let found = file.length().map_err(io_error)?;
         let wrong_length = |expected| StoreError::Length { path: path.to_owned(), expected, found };
         if !superblock.fits(found) {
             return Err(wrong_length(superblock.copy_offset()));
@@ -75,8 +81,7 @@ impl Store {
     /// Whether the metadata stand in both places.
     pub(crate) fn metadata_are_there_twice(&self) -> Result<bool, StoreError> {
         let Some(superblock) = self.superblock else { return Ok(false) };
-        let length = self.file.metadata();
-        let read = length.and_then(|file| frames(&self.file, &superblock, file.len()));
+        let read = self.file.length().and_then(|length| frames(&self.file, &superblock, length));
         let [first, copy] =
             read.map_err(|source| StoreError::Io { path: self.path.clone(), source })?;
         Ok(first == copy && Metadata::from_bytes(&first).is_ok())
@@ -84,7 +89,7 @@ impl Store {
 }
 
 /// Opens a file that may be a store.
-pub(super) fn open_file(path: &Path) -> Result<File, StoreError> {
+pub(super) fn open_file(disk: &Disk, path: &Path) -> Result<DiskFile, StoreError> {
     let io_error = |source| StoreError::Io { path: path.to_owned(), source };
     // To open a pipe would wait for one who writes to it.
     let kind = std::fs::metadata(path).map_err(io_error)?.file_type();
@@ -92,12 +97,12 @@ pub(super) fn open_file(path: &Path) -> Result<File, StoreError> {
         let found = "it is a pipe, a socket or a device";
         return Err(StoreError::NotAStore { path: path.to_owned(), found });
     }
-    File::open(path).map_err(io_error)
+    disk.open(path).map_err(io_error)
 }
 
 /// The metadata frames of a store whose parts fit the file, the one before the index and the one behind it; empty
 /// where one would be longer than any is.
-fn frames(file: &File, superblock: &Superblock, file_bytes: u64) -> io::Result<[Vec<u8>; 2]> {
+fn frames(file: &DiskFile, superblock: &Superblock, file_bytes: u64) -> io::Result<[Vec<u8>; 2]> {
     let read = |begin: u64, end: u64| {
         let length = end.saturating_sub(begin);
         let mut bytes = vec![0; if length > MOST_METADATA_BYTES { 0 } else { length as usize }];

@@ -8,13 +8,10 @@
 //! is written with zeros behind it where it must be durable, and again when it is full.
 
 use super::superblock::SUPERBLOCK_BYTES;
+use crate::disk::DiskFile;
 use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut};
-use rustix::fs::OFlags;
 use rustix::io::Errno;
-use std::fs::{File, OpenOptions};
 use std::io;
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
-use std::path::Path;
 use std::sync::Arc;
 
 /// A page: no disk has larger blocks that a direct write must not split.
@@ -31,9 +28,9 @@ const _: () = assert!(SUPERBLOCK_BYTES.is_multiple_of(PAGE as u64));
 /// Appends to the payload stream.
 #[derive(Debug)]
 pub(super) struct PayloadFile {
-    file: Arc<File>,
+    file: Arc<DiskFile>,
     /// The same file, opened for direct writing, where the system can do that.
-    direct: Option<File>,
+    direct: Option<DiskFile>,
     /// What is not yet in the file, and the page before it as far as it is filled.
     buffer: Vec<Page>,
     /// Bytes of the buffer that are filled.
@@ -50,11 +47,8 @@ impl PayloadFile {
     pub(super) const BUFFER_BYTES: usize = 1 << 20;
 
     /// Goes on after the first `bytes` bytes of the stream, which the file holds.
-    pub(super) fn open(path: &Path, file: Arc<File>, bytes: u64) -> io::Result<Self> {
-        let direct = OpenOptions::new()
-            .write(true)
-            .custom_flags(OFlags::DIRECT.bits().cast_signed())
-            .open(path);
+    pub(super) fn open(file: Arc<DiskFile>, bytes: u64) -> io::Result<Self> {
+        let direct = file.open_direct();
         let filled = (bytes % PAGE as u64) as usize;
         let start = bytes - filled as u64;
         let mut buffer = Vec::new();
@@ -132,11 +126,12 @@ impl PayloadFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::disk::Disk;
     use proptest::prelude::*;
+    use std::path::Path;
 
-    fn new_file(path: &Path) -> Arc<File> {
-        let mut options = OpenOptions::new();
-        Arc::new(options.read(true).write(true).create(true).truncate(true).open(path).unwrap())
+    fn new_file(path: &Path) -> Arc<DiskFile> {
+        Arc::new(Disk::default().create_new(path).unwrap())
     }
 
     proptest! {
@@ -148,7 +143,7 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("stream");
             let file = new_file(&path);
-            let mut stream = PayloadFile::open(&path, Arc::clone(&file), 0).unwrap();
+            let mut stream = PayloadFile::open(Arc::clone(&file), 0).unwrap();
             let mut expected = Vec::new();
             for (i, (length, flushed)) in lengths.into_iter().enumerate() {
                 if !direct {
@@ -165,7 +160,7 @@ mod tests {
                     prop_assert!(found.iter().skip(PAGE + expected.len()).all(|&byte| byte == 0));
                 }
                 if i == reopened_after {
-                    stream = PayloadFile::open(&path, Arc::clone(&file), stream.bytes()).unwrap();
+                    stream = PayloadFile::open(Arc::clone(&file), stream.bytes()).unwrap();
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use super::records::Records;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock};
+use crate::disk::{Disk, DiskFile};
 use crate::encoding::decode::{DecodeScratch, Decoding};
 use crate::encoding::payload;
 use crate::error::{Damage, StoreError};
@@ -11,9 +12,7 @@ use crate::metadata::{FORMAT_VERSION, Metadata};
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::{Sample, SampleBuffer};
 use crate::with_sample_type;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -51,7 +50,7 @@ impl Children {
 /// a brick is decoded.
 pub struct Store {
     pub(super) path: PathBuf,
-    pub(super) file: Arc<File>,
+    pub(super) file: Arc<DiskFile>,
     /// Its first page, if that is whole.
     pub(super) superblock: Option<Superblock>,
     /// Bytes of the payload stream.
@@ -73,6 +72,11 @@ impl Store {
     /// The store's file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// The disk that it lies on.
+    pub fn disk(&self) -> &Disk {
+        self.file.disk()
     }
 
     /// What the volume is and how it was converted.

@@ -3,12 +3,11 @@
 //! Nothing but arithmetic leads to a record, and each names its node and has a checksum. So what is damaged
 //! harms the records that it lies in, and no bytes of a file can make a reader go astray, wait, or take memory.
 
+use crate::disk::DiskFile;
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
 use crate::record::NodeRecord;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::sync::Arc;
 
 /// Records that are read at a time by one who wants all of a level.
@@ -17,7 +16,7 @@ const BLOCK: usize = 512;
 /// The table in its file.
 #[derive(Debug)]
 pub(super) struct RecordTable {
-    pub(super) file: Arc<File>,
+    pub(super) file: Arc<DiskFile>,
     /// Where it begins.
     pub(super) offset: u64,
     pub(super) geometry: Geometry,

@@ -8,15 +8,14 @@ use super::open::{MOST_METADATA_BYTES, open_file, refused};
 use super::reader::Store;
 use super::records::Records;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock, SuperblockError};
+use crate::disk::{Disk, DiskFile};
 use crate::error::StoreError;
 use crate::geometry::Geometry;
 use crate::key::NodeKey;
 use crate::metadata::{self, Metadata};
 use crate::record::NodeRecord;
 use serde::de::IgnoredAny;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -26,7 +25,7 @@ const BLOCK: usize = 1 << 20;
 /// Records found in a file: 16 bytes of memory each.
 #[derive(Debug)]
 pub(super) struct FoundRecords {
-    file: Arc<File>,
+    file: Arc<DiskFile>,
     geometry: Geometry,
     /// Keys with the bytes at which their records begin, in key order.
     places: Vec<(u64, u64)>,
@@ -72,12 +71,18 @@ impl Store {
     /// # Errors
     /// When the file cannot be read, no metadata are left in it, it is of another version, or was never finished.
     pub fn open_remains(path: impl AsRef<Path>) -> Result<Self, StoreError> {
-        let path = path.as_ref();
+        Self::open_remains_on(&Disk::default(), path.as_ref())
+    }
+
+    /// As [`Store::open_remains`], on a disk that may be watched.
+    ///
+    /// # Errors
+    /// As [`Store::open_remains`].
+    pub fn open_remains_on(disk: &Disk, path: &Path) -> Result<Self, StoreError> {
         let io_error = |source| StoreError::Io { path: path.to_owned(), source };
-        let file = open_file(path)?;
-        let length = file.metadata().map_err(io_error)?;
-        let is_file = length.is_file();
-        let length = length.len();
+        let file = open_file(disk, path)?;
+        let is_file = file.file().metadata().map_err(io_error)?.is_file();
+        let length = file.length().map_err(io_error)?;
         let superblock = match Superblock::read(&file) {
             Ok(superblock) if superblock.index_offset == 0 => {
                 return Err(StoreError::Incomplete { path: path.to_owned() });
@@ -123,7 +128,7 @@ struct Remains {
 }
 
 /// Looks for metadata and records in a part of a file.
-fn search(file: &File, begin: u64, end: u64) -> io::Result<Remains> {
+fn search(file: &DiskFile, begin: u64, end: u64) -> io::Result<Remains> {
     let mut remains = Remains { metadata: None, places: Vec::new(), end_of_payloads: 0 };
     let mut block = vec![0; BLOCK + NodeRecord::BYTES];
     let mut start = begin;
@@ -164,7 +169,7 @@ fn record_at(bytes: &[u8]) -> Option<NodeRecord> {
 }
 
 /// The metadata whose frame begins at a byte, with their JSON.
-fn metadata_at(file: &File, at: u64, end: u64) -> io::Result<Option<(Metadata, Vec<u8>)>> {
+fn metadata_at(file: &DiskFile, at: u64, end: u64) -> io::Result<Option<(Metadata, Vec<u8>)>> {
     let mut bytes = vec![0; (end - at).min(MOST_METADATA_BYTES) as usize];
     file.read_exact_at(&mut bytes, at)?;
     let Some(json) = bytes.get(metadata::FRAME_BYTES..) else { return Ok(None) };

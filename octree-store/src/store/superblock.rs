@@ -3,10 +3,9 @@
 //! It is written twice: zeroed places when the file is made, the real ones when everything else is
 //! durable. So a file with an index is whole, and one without was never finished.
 
+use crate::disk::DiskFile;
 use crate::metadata::FORMAT_VERSION;
-use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use twox_hash::XxHash3_64;
 
 /// Bytes of the first page; the payload stream begins after it.
@@ -62,7 +61,7 @@ impl Superblock {
     }
 
     /// Writes the first page.
-    pub(crate) fn write(self, file: &File) -> io::Result<()> {
+    pub(crate) fn write(self, file: &DiskFile) -> io::Result<()> {
         file.write_all_at(&self.to_bytes(), 0)
     }
 
@@ -72,8 +71,8 @@ impl Superblock {
     }
 
     /// Reads the first page.
-    pub(crate) fn read(file: &File) -> Result<Self, SuperblockError> {
-        let metadata = file.metadata().map_err(SuperblockError::Io)?;
+    pub(crate) fn read(file: &DiskFile) -> Result<Self, SuperblockError> {
+        let metadata = file.file().metadata().map_err(SuperblockError::Io)?;
         if metadata.is_dir() {
             return Err(SuperblockError::NotAStore("it is a folder"));
         }
@@ -139,8 +138,8 @@ fn page_after(byte: u64) -> u64 {
 mod tests {
     use super::*;
 
-    fn file_of(bytes: &[u8]) -> File {
-        let file = tempfile::tempfile().unwrap();
+    fn file_of(bytes: &[u8]) -> DiskFile {
+        let file = DiskFile::from(tempfile::tempfile().unwrap());
         file.write_all_at(bytes, 0).unwrap();
         file
     }

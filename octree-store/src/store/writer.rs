@@ -7,14 +7,14 @@ use super::guard::{Failure, guard};
 use super::payload_file::PayloadFile;
 use super::superblock::{SUPERBLOCK_BYTES, Superblock};
 use super::tables::{Group, ReadTables};
+use super::work_backend::WorkBackend;
+use crate::disk::{Disk, DiskFile};
 use crate::error::StoreError;
 use crate::key::NodeKey;
 use crate::metadata::Metadata;
 use crate::record::{NodeRecord, PayloadPlace};
 use redb::{Builder, Database};
-use std::fs::{File, OpenOptions};
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -31,7 +31,7 @@ const WRITER_CACHE_BYTES: usize = 8 << 20;
 #[derive(Debug)]
 pub struct StoreWriter {
     path: PathBuf,
-    file: Arc<File>,
+    file: Arc<DiskFile>,
     payloads: PayloadFile,
     work_path: PathBuf,
     committer: Committer,
@@ -71,8 +71,12 @@ impl StoreWriter {
     ///
     /// # Errors
     /// When a file exists or cannot be created.
-    pub fn create(path: &Path, work_path: &Path, synced: Vec<File>) -> Result<Self, StoreError> {
-        let file = new_file(path).map_err(|source| io_at(path, source))?;
+    pub fn create(
+        path: &Path,
+        work_path: &Path,
+        synced: Vec<DiskFile>,
+    ) -> Result<Self, StoreError> {
+        let file = Disk::default().create_new(path).map_err(|source| io_at(path, source))?;
         lock(&file, path)?;
         Self::create_in(file, path, work_path, synced).inspect_err(|_| {
             // A file without content is of no use to anyone; the error says what is wrong.
@@ -85,13 +89,13 @@ impl StoreWriter {
     /// # Errors
     /// When the work index exists or cannot be created, or the file cannot be written.
     pub fn create_in(
-        file: File,
+        file: DiskFile,
         path: &Path,
         work_path: &Path,
-        synced: Vec<File>,
+        synced: Vec<DiskFile>,
     ) -> Result<Self, StoreError> {
         Superblock::unfinished().write(&file).map_err(|source| io_at(path, source))?;
-        let work = new_file(work_path).map_err(|source| io_at(work_path, source))?;
+        let work = file.disk().create_new(work_path).map_err(|source| io_at(work_path, source))?;
         let database = create_database(work, work_path, false)?;
         Self::new(path, work_path, file, database, synced, 0)
     }
@@ -104,9 +108,9 @@ impl StoreWriter {
     pub fn resume(
         path: &Path,
         work_path: &Path,
-        synced: Vec<File>,
+        synced: Vec<DiskFile>,
     ) -> Result<Option<(Self, Committed)>, StoreError> {
-        let file = existing_file(path).map_err(|source| io_at(path, source))?;
+        let file = Disk::default().open_to_write(path).map_err(|source| io_at(path, source))?;
         lock(&file, path)?;
         Self::resume_in(file, path, work_path, synced)
     }
@@ -117,12 +121,13 @@ impl StoreWriter {
     /// When a file cannot be read or written, or is no store in the making. All of the work index is
     /// checked against its checksums.
     pub fn resume_in(
-        file: File,
+        file: DiskFile,
         path: &Path,
         work_path: &Path,
-        synced: Vec<File>,
+        synced: Vec<DiskFile>,
     ) -> Result<Option<(Self, Committed)>, StoreError> {
-        let work = existing_file(work_path).map_err(|source| io_at(work_path, source))?;
+        let work =
+            file.disk().open_to_write(work_path).map_err(|source| io_at(work_path, source))?;
         if !is_begun(&work).map_err(|source| io_at(work_path, source))? {
             return Ok(None);
         }
@@ -144,7 +149,7 @@ impl StoreWriter {
             let what = "its state is cut short".into();
             return Err(StoreError::MetadataDamaged { path: work_path.to_owned(), what });
         };
-        let length = file.metadata().map_err(|source| io_at(path, source))?.len();
+        let length = file.length().map_err(|source| io_at(path, source))?;
         if length < SUPERBLOCK_BYTES + payload_bytes {
             let what = format!(
                 "it has {length} bytes, and {} were committed",
@@ -161,13 +166,13 @@ impl StoreWriter {
     fn new(
         path: &Path,
         work_path: &Path,
-        file: File,
+        file: DiskFile,
         database: Database,
-        synced: Vec<File>,
+        synced: Vec<DiskFile>,
         payload_bytes: u64,
     ) -> Result<Self, StoreError> {
         let file = Arc::new(file);
-        let payloads = PayloadFile::open(path, Arc::clone(&file), payload_bytes)
+        let payloads = PayloadFile::open(Arc::clone(&file), payload_bytes)
             .map_err(|source| io_at(path, source))?;
         let mut files: Vec<_> = synced.into_iter().map(Arc::new).collect();
         files.push(Arc::clone(&file));
@@ -251,6 +256,11 @@ impl StoreWriter {
         self.committer.mark()
     }
 
+    /// The mark of the last commit that is known to be durable, whatever became of later ones; 0 before the first.
+    pub fn last_durable_mark(&self) -> u64 {
+        self.committer.last_mark()
+    }
+
     /// Waits until every commit that was begun is durable.
     ///
     /// # Errors
@@ -295,17 +305,9 @@ pub(super) fn io_at(path: &Path, source: io::Error) -> StoreError {
     StoreError::Io { path: path.to_owned(), source }
 }
 
-fn new_file(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).write(true).create_new(true).open(path)
-}
-
-fn existing_file(path: &Path) -> io::Result<File> {
-    OpenOptions::new().read(true).write(true).open(path)
-}
-
 /// Locks a file that is being written; the lock goes with the file.
-fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
-    match file.try_lock() {
+fn lock(file: &DiskFile, path: &Path) -> Result<(), StoreError> {
+    match file.file().try_lock() {
         Ok(()) => Ok(()),
         Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_owned() }),
         Err(std::fs::TryLockError::Error(source)) => Err(io_at(path, source)),
@@ -314,7 +316,7 @@ fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
 
 /// Whether redb's file was ever ready to hold anything: its first bytes are written last, so that a kill
 /// before that leaves zeros.
-fn is_begun(file: &File) -> io::Result<bool> {
+fn is_begun(file: &DiskFile) -> io::Result<bool> {
     let mut magic = [0; 9];
     match file.read_exact_at(&mut magic, 0) {
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
@@ -323,13 +325,12 @@ fn is_begun(file: &File) -> io::Result<bool> {
 }
 
 /// Opens redb's file, in order after a kill, or a new one; `checked` reads all of it.
-fn create_database(file: File, path: &Path, checked: bool) -> Result<Database, StoreError> {
+fn create_database(file: DiskFile, path: &Path, checked: bool) -> Result<Database, StoreError> {
     guard(|| {
-        let backend = redb::backends::FileBackend::new(file)?;
         Builder::new()
             .set_cache_size(WRITER_CACHE_BYTES)
             .set_check_integrity_on_open(checked)
-            .create_with_backend(backend)
+            .create_with_backend(WorkBackend(file))
     })
     .map_err(|failure| failure.at(path))
 }

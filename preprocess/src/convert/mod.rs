@@ -27,12 +27,11 @@ use crate::value_stats::VolumeValues;
 use crate::walk::Earlier;
 use octree_store::encoding::BrickFormat;
 use octree_store::{
-    DownsampleFilter, Effort, Encoding, Metadata, OverlapAtRest, Region, Sample, SampleType,
-    StoreError, StoreWriter, with_sample_type,
+    Disk, DiskFile, DownsampleFilter, Effort, Encoding, Metadata, OverlapAtRest, Region, Sample,
+    SampleType, StoreError, StoreWriter, with_sample_type,
 };
 use resume::{Kept, State};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread;
@@ -76,6 +75,8 @@ pub struct ConvertOptions {
     pub commit_source_bytes: u64,
     /// What is done with an existing output, or with unfinished work.
     pub start: Start,
+    /// Where the output lies: the file system, unless a test watches it.
+    pub disk: Disk,
 }
 
 impl Default for ConvertOptions {
@@ -98,6 +99,7 @@ impl Default for ConvertOptions {
             scratch: None,
             commit_source_bytes: plan::COMMIT_SOURCE_BYTES,
             start: Start::Fresh,
+            disk: Disk::default(),
         }
     }
 }
@@ -251,7 +253,7 @@ pub fn convert(
     let rules = options.value_rules(source.sample_type())?;
     let plan = ConversionPlan::new(source, output, options)?;
     let folder = options.scratch.as_deref();
-    let mut place = Output::prepare(output, &source.files, folder, options.start)?;
+    let mut place = Output::prepare(&options.disk, output, &source.files, folder, options.start)?;
     let begun = Begun::open(source, &plan, options, &mut place)?;
     let Begun { mut writer, state, kept, scratch } = begun;
     let resumed_bricks = state.bricks;
@@ -266,7 +268,9 @@ pub fn convert(
     let Written { values, clamped, writer_busy_secs } = match made {
         Ok(made) => made,
         Err(error) => {
-            let durable = writer.durable_mark().unwrap_or(0) > 0 || resumed_bricks > 0;
+            // What was on its way counts too, if it arrived.
+            let _ = writer.wait();
+            let durable = writer.last_durable_mark() > 0 || resumed_bricks > 0;
             return Err(kept_or_not(error, durable, &mut place));
         }
     };
@@ -341,7 +345,7 @@ struct Begun {
     writer: StoreWriter,
     state: State,
     kept: Kept,
-    scratch: File,
+    scratch: DiskFile,
 }
 
 impl Begun {
@@ -365,6 +369,8 @@ impl Begun {
         let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
         let writer =
             StoreWriter::create_in(place.file()?, &place.partial, &place.index, vec![synced])?;
+        // What will be committed is worth nothing without its name.
+        place.keep_names()?;
         Ok(Self { writer, state, kept: Kept::default(), scratch })
     }
 
@@ -375,11 +381,17 @@ impl Begun {
         plan: &ConversionPlan,
         place: &Output,
     ) -> Result<Option<Self>, PreprocessError> {
-        let scratch = place.open_scratch(plan.slots_bytes)?;
+        let resume = |synced| {
+            StoreWriter::resume_in(place.file()?, &place.partial, &place.index, synced)
+                .map_err(cannot_resume)
+        };
+        let scratch = match place.open_scratch(plan.slots_bytes) {
+            Ok(scratch) => scratch,
+            // Where nothing was committed, what is wrong with it does not matter.
+            Err(error) => return resume(vec![])?.map_or(Ok(None), |_| Err(error)),
+        };
         let synced = scratch.try_clone().map_err(PreprocessError::Scratch)?;
-        let resumed =
-            StoreWriter::resume_in(place.file()?, &place.partial, &place.index, vec![synced]);
-        let Some((writer, committed)) = resumed.map_err(cannot_resume)? else { return Ok(None) };
+        let Some((writer, committed)) = resume(vec![synced])? else { return Ok(None) };
         let state = state.found(&committed.state, &place.index)?;
         let kept = Kept::read(&committed.progress).ok_or_else(|| {
             let what = "what it kept of the levels is cut short";

@@ -4,9 +4,9 @@
 
 use super::plan::folder_of;
 use crate::error::PreprocessError;
-use crate::source::map::take_blocks;
+use octree_store::{Disk, DiskFile};
 use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
+use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(crate) struct Output {
     /// Whether the files are ours to remove.
     made: bool,
     /// `OUT.partial`, locked.
-    file: File,
+    file: DiskFile,
 }
 
 /// Refuses an output that would replace a source, or lie in no folder.
@@ -64,6 +64,7 @@ pub(crate) fn check_place(path: &Path, sources: &[PathBuf]) -> Result<(), Prepro
 impl Output {
     /// Takes an output and looks at what is there already. `sources` must not be the output.
     pub(crate) fn prepare(
+        disk: &Disk,
         path: &Path,
         sources: &[PathBuf],
         scratch_folder: Option<&Path>,
@@ -86,11 +87,10 @@ impl Output {
             scratch: scratch_path(path, scratch_folder),
             resumes: false,
             made: false,
-            file: lock(&partial)?,
+            file: lock(disk, &partial)?,
             partial,
         };
-        let length = output.file.metadata().map_err(|source| at(&output.partial, source))?;
-        let begun = length.len() > 0;
+        let begun = output.file.length().map_err(|source| at(&output.partial, source))? > 0;
         let work = [&output.partial, &output.index, &output.scratch];
         let left = work[usize::from(!begun)..].iter().find(|file| file.exists());
         match (start, left.map(|file| (*file).clone())) {
@@ -101,7 +101,7 @@ impl Output {
             }
             (Start::Fresh | Start::Mend, Some(left)) => {
                 if !begun {
-                    remove(&output.partial).map_err(|source| at(&left, source))?;
+                    remove(disk, &output.partial).map_err(|source| at(&left, source))?;
                 }
                 return Err(PreprocessError::Unfinished { path: left });
             }
@@ -113,7 +113,7 @@ impl Output {
     }
 
     /// The locked file of the store in the making.
-    pub(crate) fn file(&self) -> Result<File, PreprocessError> {
+    pub(crate) fn file(&self) -> Result<DiskFile, PreprocessError> {
         self.file.try_clone().map_err(|source| at(&self.partial, source))
     }
 
@@ -122,15 +122,24 @@ impl Output {
         self.resumes = false;
         self.made = true;
         for file in [&self.index, &self.scratch] {
-            remove(file).map_err(|source| at(file, source))?;
+            remove(self.file.disk(), file).map_err(|source| at(file, source))?;
         }
         self.file.set_len(0).map_err(|source| at(&self.partial, source))
+    }
+
+    /// Makes durable that the files are there.
+    pub(crate) fn keep_names(&self) -> Result<(), PreprocessError> {
+        for file in [&self.partial, &self.scratch] {
+            let synced = self.file.disk().sync_folder(&folder_of(file));
+            synced.map_err(|source| at(file, source))?;
+        }
+        Ok(())
     }
 
     fn remove_work(&self) -> Result<(), PreprocessError> {
         // The lock's file goes last: who takes the output then finds nothing else.
         for file in [&self.index, &self.scratch, &self.partial] {
-            remove(file).map_err(|source| at(file, source))?;
+            remove(self.file.disk(), file).map_err(|source| at(file, source))?;
         }
         Ok(())
     }
@@ -141,16 +150,19 @@ impl Output {
     }
 
     /// The scratch file, with room for so many bytes; a new one unless work is resumed.
-    pub(crate) fn open_scratch(&self, bytes: u64) -> Result<File, PreprocessError> {
+    pub(crate) fn open_scratch(&self, bytes: u64) -> Result<DiskFile, PreprocessError> {
         let refuse = |what| Err(PreprocessError::CannotResume { path: self.scratch.clone(), what });
-        let open = || -> io::Result<(File, u64)> {
-            let mut options = OpenOptions::new();
-            options.read(true).write(true).create_new(!self.resumes);
-            let file = options.open(&self.scratch)?;
+        let open = || -> io::Result<(DiskFile, u64)> {
+            let disk = self.file.disk();
+            let file = if self.resumes {
+                disk.open_to_write(&self.scratch)?
+            } else {
+                disk.create_new(&self.scratch)?
+            };
             if !self.resumes && bytes > 0 {
-                take_blocks(&file, bytes)?;
+                file.take_blocks(bytes)?;
             }
-            let length = file.metadata()?.len();
+            let length = file.length()?;
             Ok((file, length))
         };
         match open() {
@@ -170,16 +182,17 @@ impl Output {
     /// Gives the finished store its name, in one step, and removes what was needed on the way.
     pub(crate) fn finish(&mut self) -> Result<(), PreprocessError> {
         let ours = [&self.index, &self.scratch].map(|file| identity(file));
+        let disk = self.file.disk();
         let rename = || {
-            fs::rename(&self.partial, &self.path)?;
-            File::open(folder_of(&self.path))?.sync_all()
+            disk.rename(&self.partial, &self.path)?;
+            disk.sync_folder(&folder_of(&self.path))
         };
         rename().map_err(|source| at(&self.path, source))?;
         self.made = false;
         // With its name the store has left the lock to others, whose files may have the same names.
         for (file, ours) in [&self.index, &self.scratch].into_iter().zip(ours) {
             if ours.is_some() && identity(file) == ours {
-                remove(file).map_err(|source| at(file, source))?;
+                remove(disk, file).map_err(|source| at(file, source))?;
             }
         }
         Ok(())
@@ -191,13 +204,11 @@ fn at(file: &Path, source: io::Error) -> PreprocessError {
 }
 
 /// Opens or makes a file and locks it, unless another process has it.
-fn lock(path: &Path) -> Result<File, PreprocessError> {
+fn lock(disk: &Disk, path: &Path) -> Result<DiskFile, PreprocessError> {
     let io = |source| at(path, source);
     loop {
-        let mut options = OpenOptions::new();
-        options.read(true).write(true).create(true).truncate(false);
-        let file = options.open(path).map_err(io)?;
-        match file.try_lock() {
+        let file = disk.open_or_create(path).map_err(io)?;
+        match file.file().try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => {
                 return Err(PreprocessError::Busy { path: path.to_owned() });
@@ -205,7 +216,7 @@ fn lock(path: &Path) -> Result<File, PreprocessError> {
             Err(fs::TryLockError::Error(source)) => return Err(io(source)),
         }
         // Who had it before may have renamed or removed it meanwhile.
-        let locked = file.metadata().map_err(io)?;
+        let locked = file.file().metadata().map_err(io)?;
         if identity(path) == Some((locked.dev(), locked.ino())) {
             return Ok(file);
         }
@@ -218,8 +229,8 @@ fn identity(path: &Path) -> Option<(u64, u64)> {
 }
 
 /// Removes a file that may not be there.
-fn remove(path: &Path) -> io::Result<()> {
-    match fs::remove_file(path) {
+fn remove(disk: &Disk, path: &Path) -> io::Result<()> {
+    match disk.remove(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
@@ -254,7 +265,7 @@ mod tests {
     use super::*;
 
     fn prepare(path: &Path, start: Start) -> Result<Output, PreprocessError> {
-        Output::prepare(path, &["in".into()], None, start)
+        Output::prepare(&Disk::default(), path, &["in".into()], None, start)
     }
 
     #[test]
@@ -265,7 +276,7 @@ mod tests {
         fs::write(&output.partial, "half").unwrap();
         for bytes in [0, 100] {
             let scratch = output.open_scratch(bytes).unwrap();
-            assert_eq!(scratch.metadata().unwrap().len(), bytes);
+            assert_eq!(scratch.length().unwrap(), bytes);
             fs::remove_file(&output.scratch).unwrap();
         }
         output.open_scratch(100).unwrap();
@@ -290,7 +301,7 @@ mod tests {
 
         let itself = [folder.path().join("./a.octavo")];
         assert!(matches!(
-            Output::prepare(&path, &itself, None, Start::Replace),
+            Output::prepare(&Disk::default(), &path, &itself, None, Start::Replace),
             Err(PreprocessError::OutputIsInput { .. })
         ));
 

@@ -10,7 +10,7 @@ use crate::error::PreprocessError;
 use crate::source::Source;
 use crate::value_stats::VolumeValues;
 use crate::walk::{block_checksum, octets_in_row};
-use octree_store::{Geometry, NodeKey, Sample};
+use octree_store::{DiskFile, Geometry, NodeKey, Sample};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;
@@ -175,7 +175,7 @@ impl Kept {
     pub(super) fn check_slots<T: Sample>(
         &self,
         plan: &ConversionPlan,
-        scratch: &File,
+        scratch: &DiskFile,
         path: &Path,
     ) -> Result<(), PreprocessError> {
         let geometry = &plan.geometry;

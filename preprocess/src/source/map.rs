@@ -3,6 +3,7 @@
 
 use bytemuck::Pod;
 use memmap2::{Mmap, MmapMut, MmapOptions};
+use octree_store::DiskFile;
 use std::fs::File;
 use std::io;
 use std::path::Path;
@@ -29,7 +30,7 @@ impl ScratchMap {
     pub(crate) fn new(folder: &Path, bytes: u64) -> io::Result<Self> {
         let file = unnamed_file(folder, bytes)?;
         // SAFETY: the file has no name, so no other process can change or shorten it.
-        unsafe { MmapMut::map_mut(&file) }.map(Self)
+        unsafe { MmapMut::map_mut(file.file()) }.map(Self)
     }
 
     /// The first `count` samples.
@@ -44,9 +45,9 @@ impl ScratchMap {
 }
 
 /// A new unnamed file of `bytes` zeros in a folder, whose blocks are all taken.
-pub(crate) fn unnamed_file(folder: &Path, bytes: u64) -> io::Result<File> {
-    let file = tempfile::tempfile_in(folder)?;
-    take_blocks(&file, bytes.max(1))?;
+pub(crate) fn unnamed_file(folder: &Path, bytes: u64) -> io::Result<DiskFile> {
+    let file = DiskFile::from(tempfile::tempfile_in(folder)?);
+    file.take_blocks(bytes.max(1))?;
     Ok(file)
 }
 
@@ -56,19 +57,6 @@ pub(crate) fn map_range(file: &File, offset: u64, bytes: u64) -> io::Result<Mmap
     // that part through the map. Another program that shortens the file ends this one by SIGBUS, as with
     // every mapped file.
     unsafe { MmapOptions::new().offset(offset).len(bytes as usize).map(file) }
-}
-
-/// Makes a file of `bytes` zeros whose blocks are all taken.
-pub(crate) fn take_blocks(mut file: &File, bytes: u64) -> io::Result<()> {
-    use rustix::fs::{FallocateFlags, fallocate};
-    match fallocate(file, FallocateFlags::empty(), 0, bytes) {
-        // Some network file systems cannot: then the zeros are written.
-        Err(rustix::io::Errno::OPNOTSUPP | rustix::io::Errno::NOSYS) => {
-            io::copy(&mut io::Read::take(io::repeat(0), bytes), &mut file)?;
-            Ok(())
-        }
-        taken => Ok(taken?),
-    }
 }
 
 #[cfg(test)]

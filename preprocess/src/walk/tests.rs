@@ -76,7 +76,7 @@ fn a_slot_is_filled_anew_only_when_all_that_read_it_are_durable() {
         stream_chunks_ahead: 0,
     };
     let pool = crate::pool(2).unwrap();
-    let earlier = Earlier { octets: 0, scratch: Arc::new(scratch) };
+    let earlier = Earlier { octets: 0, scratch: Arc::new(scratch.into()) };
     let mut listener = Listener::default();
     let buffers = Buffers::default();
     walk::<u8, _>(&source, &geometry, &pool, &options, &Nothing, &buffers, &earlier, &mut listener)

@@ -305,6 +305,7 @@ impl Convert {
                 (_, true) => Start::Resume,
                 _ => Start::Fresh,
             },
+            disk: defaults.disk,
         }
     }
 }

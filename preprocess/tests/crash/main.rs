@@ -1,0 +1,236 @@
+//! Every operation on a disk fails once, or is the last: a conversion leaves nothing under the store's name, or a
+//! store that is whole; and it can be gone on with.
+//!
+//! `OCTAVO_TEST_ROUNDS` is how often every operation is tried (1): with other power cuts, and second stops.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a test that cannot go on fails")]
+
+mod disk;
+
+use disk::{Fault, FaultyDisk, Left, Random};
+use octree_store::{Disk, Encoding, Store, StoreError, verify};
+use preprocess::{
+    Conversion, ConvertOptions, NoProgress, PreprocessError, Source, SourceOptions, Start, convert,
+};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A small source, a folder for stores, and the digest of what comes of an undisturbed conversion.
+struct Bench {
+    _folder: tempfile::TempDir,
+    source: Source,
+    /// All that is in it lies on the disk that fails.
+    stores: PathBuf,
+    store: PathBuf,
+    digest: String,
+    operations: u64,
+}
+
+impl Bench {
+    fn new() -> Self {
+        // Where there is memory to be had as a folder, that is faster.
+        let shared = Path::new("/dev/shm");
+        let folder =
+            if shared.is_dir() { tempfile::tempdir_in(shared) } else { tempfile::tempdir() };
+        let folder = folder.unwrap();
+        let path = folder.path().join("a_40x33x30_u16.raw");
+        let mut random = Random(3);
+        let voxels = (0..40 * 33 * 30_u32).map(|i| (i / 640) as u16 + random.below(900) as u16);
+        fs::write(&path, voxels.flat_map(u16::to_le_bytes).collect::<Vec<_>>()).unwrap();
+        let source = Source::open(&path, &SourceOptions::default()).unwrap();
+        let stores = folder.path().join("stores");
+        fs::create_dir(&stores).unwrap();
+        let store = stores.join("a.octavo");
+        let mut bench =
+            Self { _folder: folder, source, stores, store, digest: String::new(), operations: 0 };
+        let undisturbed = FaultyDisk::new(&bench.stores, None);
+        bench.digest = bench.convert(undisturbed.disk(), Start::Fresh).unwrap().metadata.digest;
+        bench.operations = undisturbed.operations();
+        bench.clear();
+        bench
+    }
+
+    fn clear(&self) {
+        for entry in fs::read_dir(&self.stores).unwrap() {
+            fs::remove_file(entry.unwrap().path()).unwrap();
+        }
+    }
+
+    fn names(&self) -> Vec<String> {
+        let names = fs::read_dir(&self.stores).unwrap();
+        names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    fn convert(&self, disk: Disk, start: Start) -> Result<Conversion, PreprocessError> {
+        let options = ConvertOptions {
+            brick_core: 8,
+            brick_overlap: 1,
+            encoding: Encoding::Lossless,
+            threads: 1,
+            // A commit for every few octets.
+            commit_source_bytes: 12 << 10,
+            start,
+            disk,
+            ..ConvertOptions::default()
+        };
+        convert(&self.source, &self.store, &options, &NoProgress)
+    }
+
+    /// What can be opened, under whatever name, is whole and right.
+    fn assert_nothing_is_wrong(&self, what: &str) {
+        for name in self.names() {
+            match Store::open(self.stores.join(&name)) {
+                Ok(store) => {
+                    let report = verify::verify(&store, || true).unwrap().unwrap();
+                    assert!(report.is_ok(), "{what}: {name}: {report:?}");
+                    assert_eq!(store.metadata().digest, self.digest, "{what}: {name}");
+                }
+                Err(error) => assert!(name != "a.octavo", "{what}: {error}"),
+            }
+        }
+    }
+
+    /// Goes on with what is left to the end, and says what that was.
+    fn go_on(&self, what: &str) -> &'static str {
+        let outcome = match self.convert(Disk::default(), Start::Resume) {
+            Ok(done) => {
+                assert_eq!(done.metadata.digest, self.digest, "{what}");
+                if done.resumed_bricks > 0 { "resumed" } else { "begun anew" }
+            }
+            Err(PreprocessError::Exists { .. }) => "complete",
+            Err(error) => {
+                println!("{what}: refused: {error}");
+                let done = self.convert(Disk::default(), Start::Replace).unwrap();
+                assert_eq!(done.metadata.digest, self.digest, "{what}");
+                "refused to go on"
+            }
+        };
+        self.assert_nothing_is_wrong(what);
+        assert_eq!(self.names(), ["a.octavo"], "{what}");
+        outcome
+    }
+
+    /// A conversion with a fault, one that goes on with it and is stopped too, and one that is left in peace.
+    fn trial(
+        &self,
+        at: u64,
+        round: u64,
+        fault: Fault,
+        left: Left,
+        outcomes: &mut Outcomes,
+    ) -> bool {
+        let what = format!("{fault:?} at operation {at} in round {round}, leaving {left:?}");
+        self.clear();
+        let mut random = Random((round * 1_000_003 + at) * 31 + left as u64);
+        let faulty = FaultyDisk::new(&self.stores, Some((at, fault)));
+        let done = self.convert(faulty.disk(), Start::Fresh);
+        if !faulty.was_reached() {
+            done.unwrap();
+            return false;
+        }
+        if fault == Fault::Stops {
+            faulty.restart(left, &mut random);
+        }
+        self.assert_nothing_is_wrong(&what);
+        let said = match done {
+            Ok(_) => "it ended well",
+            Err(error) => {
+                assert!(error.is_environment(), "{what}: {error}");
+                "it said so"
+            }
+        };
+        if (at + round) % 2 == 0 {
+            let again = 1 + random.below(self.operations);
+            let faulty = FaultyDisk::new(&self.stores, Some((again, Fault::Stops)));
+            let _ = self.convert(faulty.disk(), Start::Resume);
+            if faulty.was_reached() {
+                faulty.restart(left, &mut random);
+            }
+            self.assert_nothing_is_wrong(&format!("{what}, then stopped at {again}"));
+        }
+        let then = self.go_on(&what);
+        *outcomes.entry((format!("{fault:?}, {left:?}"), said, then)).or_default() += 1;
+        true
+    }
+}
+
+type Outcomes = BTreeMap<(String, &'static str, &'static str), u32>;
+
+/// Tries operations from the first to the last, and beyond it; says what came of each.
+fn every_operation(faults: &[(Fault, Left)]) -> Outcomes {
+    let bench = Bench::new();
+    let rounds = std::env::var("OCTAVO_TEST_ROUNDS").map_or(1, |rounds| rounds.parse().unwrap());
+    let mut outcomes = Outcomes::new();
+    for round in 0..rounds {
+        for &(fault, left) in faults {
+            let mut at = 1;
+            while bench.trial(at, round, fault, left, &mut outcomes) {
+                at += 1;
+            }
+            assert!(at > bench.operations / 2, "{at} of {}", bench.operations);
+        }
+    }
+    for ((fault, said, then), count) in &outcomes {
+        println!("{fault}: {said}, {then}: {count}");
+    }
+    println!(
+        "{} faults at operations of about {}",
+        outcomes.values().sum::<u32>(),
+        bench.operations
+    );
+    outcomes
+}
+
+fn count(outcomes: &Outcomes, then: &str) -> u32 {
+    outcomes.iter().filter(|((.., found), _)| *found == then).map(|(_, count)| count).sum()
+}
+
+#[test]
+fn an_operation_that_fails_costs_nothing() {
+    let outcomes = every_operation(&[(Fault::Fails, Left::All), (Fault::NoRoom, Left::All)]);
+    assert_eq!(count(&outcomes, "refused to go on"), 0);
+    assert!(count(&outcomes, "resumed") > 0);
+}
+
+#[test]
+fn a_program_that_is_killed_at_any_operation_can_be_gone_on_with() {
+    let outcomes = every_operation(&[(Fault::Stops, Left::All)]);
+    assert_eq!(count(&outcomes, "refused to go on"), 0);
+    assert!(count(&outcomes, "resumed") > 0 && count(&outcomes, "complete") > 0);
+}
+
+#[test]
+fn a_power_cut_at_any_operation_loses_nothing_that_was_committed() {
+    let outcomes = every_operation(&[(Fault::Stops, Left::Durable), (Fault::Stops, Left::Some)]);
+    assert_eq!(count(&outcomes, "refused to go on"), 0);
+    assert!(count(&outcomes, "resumed") > 0 && count(&outcomes, "complete") > 0);
+}
+
+/// What a reader is told where the disk fails while it reads: an error, or what is right.
+#[test]
+fn a_read_that_fails_is_an_error_and_no_damage() {
+    let bench = Bench::new();
+    bench.convert(Disk::default(), Start::Fresh).unwrap();
+    let whole = Store::open(&bench.store).unwrap();
+    let region = octree_store::Region::whole([40, 33, 30]);
+    let right = whole.read_region::<u16>(0, region).unwrap();
+    let (mut at, mut failed) = (1, 0);
+    loop {
+        let faulty = FaultyDisk::new(&bench.stores, Some((at, Fault::Fails)));
+        let disk = faulty.disk();
+        let read = Store::open_on(&disk, &bench.store).and_then(|store| {
+            let report = verify::verify(&store, || true)?.unwrap();
+            assert!(report.is_ok(), "{at}: {report:?}");
+            store.read_region::<u16>(0, region)
+        });
+        if !faulty.was_reached() {
+            assert!(read.unwrap() == right);
+            break;
+        }
+        assert!(matches!(read, Err(StoreError::Io { .. })), "{at}: {:?}", read.map(drop));
+        failed += 1;
+        at += 1 + at / 20;
+    }
+    assert!(failed > 50, "{failed}");
+}
