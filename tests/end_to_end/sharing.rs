@@ -2,6 +2,7 @@
 
 use crate::support::{Bench, Said, octavo};
 use octree_store::{BrickScratch, NodeKey, Region, Store, StoreError, verify};
+use std::os::unix::fs::FileExt;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
@@ -226,7 +227,6 @@ fn a_store_is_read_while_it_is_repaired() {
             let mut bytes = whole.clone();
             places.iter().step_by(3).for_each(|place| bytes[*place] ^= 0x20);
             // In place: the reader has this very file open.
-            use std::os::unix::fs::FileExt;
             let file = std::fs::File::options().write(true).open(&path).unwrap();
             file.write_all_at(&bytes, 0).unwrap();
             sleep(Duration::from_millis(20));
