@@ -274,7 +274,9 @@ impl Watch for FaultyDisk {
             Operation::Sync(path) => {
                 if let Some(&content) = state.names.get(path) {
                     let Content { durable, changes } = &mut state.contents[content];
-                    std::mem::take(changes).iter().for_each(|one| change(durable, one));
+                    for one in &std::mem::take(changes) {
+                        change(durable, one);
+                    }
                 }
             }
             Operation::Create(path) => {

@@ -140,7 +140,7 @@ impl Bench {
                 "it said so"
             }
         };
-        if (at + round) % 2 == 0 {
+        if (at + round).is_multiple_of(2) {
             let again = 1 + random.below(self.operations);
             let faulty = FaultyDisk::new(&self.stores, Some((again, Fault::Stops)));
             let _ = self.convert(faulty.disk(), Start::Resume);
