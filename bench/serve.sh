@@ -36,7 +36,7 @@ python3 "$here/peers/serve_load.py" chunks "$base" bench "$work/static"
 cat > "$work/nginx.conf" <<CONF
 worker_processes auto; daemon off; pid $work/nginx.pid; error_log $work/nginx.log;
 events { worker_connections 2048; }
-http { access_log off; sendfile on; tcp_nopush on; keepalive_requests 1000000000; default_type application/octet-stream; open_file_cache max=100000;
+http { access_log off; sendfile on; keepalive_requests 1000000000; default_type application/octet-stream; open_file_cache max=100000;
   server { listen 127.0.0.1:8643; root $work/static; } }
 CONF
 nginx -c "$work/nginx.conf" -p "$work" 2> "$work/nginx.log" &

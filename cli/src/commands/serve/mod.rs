@@ -79,7 +79,10 @@ impl Serve {
         }
         let options = self.options()?;
         self.log();
+        // Half the processors move bytes: bricks are decoded on threads of their own, and clients near by want a processor too.
+        let movers = std::thread::available_parallelism().map_or(1, |all| all.get().div_ceil(2));
         let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(movers)
             .enable_all()
             .build()
             .context("threads cannot be started")?;
