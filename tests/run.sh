@@ -10,7 +10,7 @@ as_root() { if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi; }
 
 # A virtual environment for the readers, made once.
 venv="target/readers"
-if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, nrrd, numpy, PIL, pydicom, SimpleITK, tifffile' 2>/dev/null; then
+if ! "$venv/bin/python" -c 'import blake3, imagecodecs, nibabel, nrrd, numpy, PIL, pydicom, SimpleITK, tifffile, xxhash' 2>/dev/null; then
   if ! python3 -c 'import venv, ensurepip' 2>/dev/null; then
     as_root apt-get update -qq
     as_root apt-get install -y -qq --no-install-recommends python3 python3-venv
@@ -18,7 +18,7 @@ if ! "$venv/bin/python" -c 'import imagecodecs, nibabel, nrrd, numpy, PIL, pydic
   rm -rf "$venv"
   python3 -m venv "$venv"
   "$venv/bin/pip" install --quiet --disable-pip-version-check \
-    imagecodecs nibabel numpy pillow pydicom pynrrd SimpleITK tifffile
+    blake3 imagecodecs nibabel numpy pillow pydicom pynrrd SimpleITK tifffile xxhash
 fi
 export OCTAVO_TEST_PYTHON="$PWD/$venv/bin/python"
 

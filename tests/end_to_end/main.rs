@@ -8,6 +8,7 @@ mod commands;
 mod damage;
 mod encodings;
 mod export;
+mod format;
 mod headers;
 mod help;
 mod instruction_sets;

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 /// A disk tears a write between its sectors.
 const SECTOR: usize = 512;
 
-/// What goes wrong at an operation.
+/// What goes wrong at an operation; stops and lack of room come at those alone that change something.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fault {
     /// It fails, a write after its first half; what follows works.
@@ -72,6 +72,8 @@ type Names = BTreeMap<PathBuf, usize>;
 struct State {
     fault: Option<(u64, Fault)>,
     operations: u64,
+    /// Of them, those that change something.
+    changes: u64,
     reached: bool,
     stopped: bool,
     full: bool,
@@ -120,6 +122,7 @@ impl FaultyDisk {
         let mut state = State {
             fault,
             operations: 0,
+            changes: 0,
             reached: false,
             stopped: false,
             full: false,
@@ -151,9 +154,9 @@ impl FaultyDisk {
         self.state().reached
     }
 
-    /// Operations so far.
-    pub(crate) fn operations(&self) -> u64 {
-        self.state().operations
+    /// How often a fault could have come so far.
+    pub(crate) fn chances(&self, fault: Fault) -> u64 {
+        self.state().chances(fault)
     }
 
     /// Puts into the folder what is left after the program was stopped.
@@ -203,6 +206,11 @@ impl FaultyDisk {
 }
 
 impl State {
+    /// A stop before a read leaves what a stop before the next change does, and a read needs no room.
+    fn chances(&self, fault: Fault) -> u64 {
+        if fault == Fault::Fails { self.operations } else { self.changes }
+    }
+
     /// The error with which an operation fails, if it is to.
     fn fails(&mut self, operation: Operation<'_>) -> Option<io::Error> {
         if self.stopped {
@@ -221,8 +229,12 @@ impl State {
         if self.full && needs_room {
             return Some(io::ErrorKind::StorageFull.into());
         }
+        let reads = matches!(operation, Operation::Read { .. });
         self.operations += 1;
-        let (_, fault) = self.fault.filter(|(at, _)| *at == self.operations)?;
+        self.changes += u64::from(!reads);
+        let (_, fault) = self.fault.filter(|&(at, fault)| {
+            at == self.chances(fault) && !(reads && fault != Fault::Fails)
+        })?;
         self.reached = true;
         match fault {
             Fault::Fails => {}

@@ -24,7 +24,9 @@ struct Bench {
     stores: PathBuf,
     store: PathBuf,
     digest: String,
+    /// Operations of an undisturbed conversion, and those that change something.
     operations: u64,
+    changes: u64,
 }
 
 impl Bench {
@@ -42,11 +44,19 @@ impl Bench {
         let stores = folder.path().join("stores");
         fs::create_dir(&stores).unwrap();
         let store = stores.join("a.octavo");
-        let mut bench =
-            Self { _folder: folder, source, stores, store, digest: String::new(), operations: 0 };
+        let mut bench = Self {
+            _folder: folder,
+            source,
+            stores,
+            store,
+            digest: String::new(),
+            operations: 0,
+            changes: 0,
+        };
         let undisturbed = FaultyDisk::new(&bench.stores, None);
         bench.digest = bench.convert(undisturbed.disk(), Start::Fresh).unwrap().metadata.digest;
-        bench.operations = undisturbed.operations();
+        bench.operations = undisturbed.chances(Fault::Fails);
+        bench.changes = undisturbed.chances(Fault::Stops);
         bench.clear();
         bench
     }
@@ -141,7 +151,7 @@ impl Bench {
             }
         };
         if (at + round).is_multiple_of(2) {
-            let again = 1 + random.below(self.operations);
+            let again = 1 + random.below(self.changes);
             let faulty = FaultyDisk::new(&self.stores, Some((again, Fault::Stops)));
             let _ = self.convert(faulty.disk(), Start::Resume);
             if faulty.was_reached() {
@@ -168,16 +178,18 @@ fn every_operation(faults: &[(Fault, Left)]) -> Outcomes {
             while bench.trial(at, round, fault, left, &mut outcomes) {
                 at += 1;
             }
-            assert!(at > bench.operations / 2, "{at} of {}", bench.operations);
+            let all = if fault == Fault::Fails { bench.operations } else { bench.changes };
+            assert!(at > all / 2, "{at} of {all}");
         }
     }
     for ((fault, said, then), count) in &outcomes {
         println!("{fault}: {said}, {then}: {count}");
     }
     println!(
-        "{} faults at operations of about {}",
+        "{} faults at operations of about {}, of which {} change something",
         outcomes.values().sum::<u32>(),
-        bench.operations
+        bench.operations,
+        bench.changes
     );
     outcomes
 }
@@ -233,4 +245,95 @@ fn a_read_that_fails_is_an_error_and_no_damage() {
         at += 1 + at / 20;
     }
     assert!(failed > 50, "{failed}");
+}
+
+/// How a store is damaged before it is repaired.
+#[derive(Debug, Clone, Copy)]
+enum Harm {
+    /// In two payloads: they are put right in place.
+    Payloads,
+    /// In records too: the store is written anew.
+    Records,
+}
+
+impl Harm {
+    fn done_to(self, whole: &[u8]) -> Vec<u8> {
+        let mut bytes = whole.to_vec();
+        let field = |at: usize| u64::from_le_bytes(whole[at..at + 8].try_into().unwrap()) as usize;
+        let (payload_bytes, index_offset) = (field(16), field(24));
+        for at in [4096 + payload_bytes / 3, 4096 + payload_bytes / 3 * 2] {
+            bytes[at] ^= 4;
+        }
+        if let Self::Records = self {
+            bytes[index_offset + 120 * 7 + 50] ^= 1;
+        }
+        bytes
+    }
+}
+
+/// Bricks that cannot be read.
+fn unreadable(store: &Store) -> usize {
+    verify::verify(store, || true).unwrap().unwrap().damaged.len()
+}
+
+/// A repair that is stopped anywhere leaves no more damaged than there was, and another one ends it.
+#[test]
+fn a_repair_that_stops_at_any_operation_harms_nothing_and_can_be_done_again() {
+    let bench = Bench::new();
+    bench.convert(Disk::default(), Start::Fresh).unwrap();
+    let whole = fs::read(&bench.store).unwrap();
+    let repair = |disk: &Disk, start: Start| {
+        let how = ConvertOptions { threads: 1, start, ..ConvertOptions::default() };
+        let store = Store::open_remains_on(disk, &bench.store).map_err(PreprocessError::Store)?;
+        let source = Source::open(bench.source.files[0].clone(), &SourceOptions::default())?;
+        preprocess::repair(&store, source, &how, &NoProgress)
+    };
+    let mut trials = 0;
+    for harm in [Harm::Payloads, Harm::Records] {
+        let damaged = harm.done_to(&whole);
+        let faults = [
+            (Fault::Fails, Left::All),
+            (Fault::NoRoom, Left::All),
+            (Fault::Stops, Left::All),
+            (Fault::Stops, Left::Durable),
+            (Fault::Stops, Left::Some),
+        ];
+        for (fault, left) in faults {
+            // Most reads are alike: of those that fail, a few.
+            let step = if fault == Fault::Fails { 1 + bench.operations as usize / 60 } else { 1 };
+            for at in (1..).step_by(step) {
+                let what = format!("{harm:?}, {fault:?} at operation {at}, leaving {left:?}");
+                bench.clear();
+                fs::write(&bench.store, &damaged).unwrap();
+                let before = unreadable(&Store::open_remains(&bench.store).unwrap());
+                assert!((2..=3).contains(&before), "{before}");
+                let mut random = Random(at * 31 + left as u64);
+                let faulty = FaultyDisk::new(&bench.stores, Some((at, fault)));
+                let done = repair(&faulty.disk(), Start::Fresh);
+                if !faulty.was_reached() {
+                    assert_eq!(done.unwrap().digest, bench.digest);
+                    assert!(at > 1, "{what}");
+                    break;
+                }
+                if fault == Fault::Stops {
+                    faulty.restart(left, &mut random);
+                }
+                // The bytes that were right are right still, whatever else was written.
+                let remains = Store::open_remains(&bench.store).unwrap();
+                assert!(unreadable(&remains) <= before, "{what}");
+                drop(remains);
+                let again = repair(&Disk::default(), Start::Fresh).or_else(|error| {
+                    // Work that was stopped is not gone on with: it is done anew, when that is said.
+                    assert!(matches!(error, PreprocessError::Unfinished { .. }), "{what}: {error}");
+                    repair(&Disk::default(), Start::Replace)
+                });
+                assert_eq!(again.unwrap().digest, bench.digest, "{what}");
+                bench.assert_nothing_is_wrong(&what);
+                assert_eq!(bench.names(), ["a.octavo"], "{what}");
+                assert!(fs::read(&bench.store).unwrap() == whole, "{what}: other bytes");
+                trials += 1;
+            }
+        }
+    }
+    println!("{trials} faults of repairs");
 }
