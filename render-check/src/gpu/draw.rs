@@ -34,7 +34,8 @@ pub struct GpuBackend {
     sampler: wgpu::Sampler,
     module: wgpu::ShaderModule,
     bind_layout: wgpu::BindGroupLayout,
-    pipelines: Vec<(Variant, wgpu::ComputePipeline)>,
+    /// With whether rays go on from their states.
+    pipelines: Vec<(Variant, bool, wgpu::ComputePipeline)>,
     frame: Buffer,
     unfinished: Buffer,
     clock: Option<wgpu::QuerySet>,
@@ -105,8 +106,13 @@ impl GpuBackend {
         })
     }
 
-    fn pipeline(&mut self, variant: Variant) -> Result<wgpu::ComputePipeline, RenderError> {
-        if let Some((_, pipeline)) = self.pipelines.iter().find(|(made, _)| *made == variant) {
+    fn pipeline(
+        &mut self,
+        variant: Variant,
+        resumed: bool,
+    ) -> Result<wgpu::ComputePipeline, RenderError> {
+        let mut made = self.pipelines.iter();
+        if let Some((.., pipeline)) = made.find(|made| (made.0, made.1) == (variant, resumed)) {
             return Ok(pipeline.clone());
         }
         let layout = self.device.handle.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -121,13 +127,13 @@ impl GpuBackend {
                 module: &self.module,
                 entry_point: Some("draw"),
                 compilation_options: wgpu::PipelineCompilationOptions {
-                    constants: &constants(variant, self.sampling),
+                    constants: &constants(variant, resumed, self.sampling),
                     ..Default::default()
                 },
                 cache: None,
             });
         self.device.check("compiling the shader")?;
-        self.pipelines.push((variant, pipeline.clone()));
+        self.pipelines.push((variant, resumed, pipeline.clone()));
         Ok(pipeline)
     }
 
@@ -222,7 +228,7 @@ impl Backend for GpuBackend {
         let size = view.size;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
         let frame = Frame::new(&grid, look, &self.geometry, self.pool.slots_xyz())?;
-        let pipeline = self.pipeline(Variant::of(look))?;
+        let variant = Variant::of(look);
         let nodes = pack(index, look, float_range);
         let all = (size[0] as usize) * (size[1] as usize);
         let mut picture =
@@ -262,9 +268,10 @@ impl Backend for GpuBackend {
                 end[..pixels].copy_from_slice(&ends[from..from + pixels]);
             }
             self.device.queue.write_buffer(&tile.depths, 0, bytemuck::cast_slice(&end));
-            let mut resume = 0;
+            let mut resumed = false;
             let found = loop {
-                let frame = Frame { first_row, resume, ..frame };
+                let pipeline = self.pipeline(variant, resumed)?;
+                let frame = Frame { first_row, ..frame };
                 self.device.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(&frame));
                 self.dispatch(&pipeline, &group, &tile, &seen, &back);
                 let found = read(&self.device, &back, back_bytes)?;
@@ -272,7 +279,7 @@ impl Backend for GpuBackend {
                 if found[..4] == [0; 4] {
                     break found;
                 }
-                resume = 1;
+                resumed = true;
             };
             let (colors, rest) = found[32..].split_at(16 * tile.pixels as usize);
             let (depths, seen) = rest.split_at(4 * tile.pixels as usize);

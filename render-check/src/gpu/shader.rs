@@ -28,13 +28,18 @@ pub enum Sampling {
     Hardware,
 }
 
-/// Values of the shader's override constants.
-pub(super) fn constants(variant: Variant, sampling: Sampling) -> [(&'static str, f64); 4] {
+/// Values of the shader's override constants; `resumed` rays go on from their states.
+pub(super) fn constants(
+    variant: Variant,
+    resumed: bool,
+    sampling: Sampling,
+) -> [(&'static str, f64); 5] {
     let flag = |set: bool| f64::from(u8::from(set));
     [
         ("MODE", f64::from(variant.mode)),
         ("SHADED", flag(variant.shaded)),
         ("BLENDED", flag(variant.blended)),
+        ("RESUMED", flag(resumed)),
         ("HARDWARE", flag(sampling == Sampling::Hardware)),
     ]
 }
@@ -113,8 +118,7 @@ mod tests {
             first_row,
             size,
             pool,
-            texel,
-            resume
+            texel
         );
         assert_eq!(members, expected);
         assert_eq!(size, size_of::<Frame>());

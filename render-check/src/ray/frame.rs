@@ -60,8 +60,7 @@ pub struct Frame {
     pub(crate) pool: [u32; 2],
     /// Size of a texel where the pool is 1 wide.
     pub(crate) texel: [f32; 3],
-    /// 1 where rays go on from their states.
-    pub(crate) resume: u32,
+    pub(crate) padding: u32,
 }
 
 /// Width of a volume that voxel numbers of 31 bits allow.
@@ -121,7 +120,7 @@ impl Frame {
             size: grid.size,
             pool: [pool_slots[0], pool_slots[1]],
             texel: pool_slots.map(|n| 1.0 / (f64::from(n) * geometry.brick_side() as f64) as f32),
-            resume: 0,
+            padding: 0,
         })
     }
 }

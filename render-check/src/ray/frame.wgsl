@@ -34,13 +34,15 @@ struct Frame {
     size: vec2<u32>,
     pool: vec2<u32>,
     texel: vec3<f32>,
-    resume: u32,
 }
 
 override MODE: u32 = 0u;
 override SHADED: bool = false;
 override BLENDED: bool = false;
 override HARDWARE: bool = false;
+// Rays go on from their states. No branch depends on the uniform block alone: Mesa's software driver would put its values into the
+// shader, compile that anew for every dispatch, and keep it for ever.
+override RESUMED: bool = false;
 
 const DVR: u32 = 0u;
 const ISO: u32 = 1u;

@@ -15,10 +15,7 @@ fn light_at(leaf: Leaf, ray: Ray, at: vec3<f32>, level: f32) -> vec2<f32> {
     let square = dot(gradient, gradient);
     let trust = square / (square + FAINT * FAINT);
     let normal = gradient / sqrt(max(square, 1e-20));
-    var towards = -ray.direction;
-    if dot(frame.light, frame.light) > 0.0 {
-        towards = frame.light;
-    }
+    let towards = select(-ray.direction, frame.light, dot(frame.light, frame.light) > 0.0);
     let between_them = towards - ray.direction;
     let half_way = between_them / sqrt(max(dot(between_them, between_them), 1e-20));
     let diffuse = abs(dot(normal, towards));

@@ -173,16 +173,16 @@ fn draw(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = id.y * frame.size.x + id.x;
     var state: State;
-    if frame.resume == 0u {
-        states[at].index = -1;
-    } else {
+    if RESUMED {
         state = states[at];
         if state.index < 0 {
             return;
         }
+    } else {
+        states[at].index = -1;
     }
     let ray = ray_of(pixel, depths[at]);
-    if frame.resume == 0u {
+    if !RESUMED {
         if ray.leave <= ray.enter {
             depths[at] = FAR;
             colors[at] = vec4(0.0);
