@@ -250,3 +250,33 @@ fn an_adapter_that_is_not_there_is_said_to_be_so_with_what_to_install() {
     assert!(error.to_string().contains("mesa-vulkan-drivers"), "{error}");
     println!("{:?}", adapters());
 }
+
+/// Bytes of memory that this process has.
+fn memory() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<u64>().unwrap() << 10
+}
+
+/// Lit and unlit, on and on: a driver that compiled something for each frame kept 1.3 MB of each.
+#[test]
+fn frame_after_frame_takes_no_more_memory() {
+    let made = make_u16(DIMS, Folding::default(), blob(DIMS));
+    let Some(mut renderer) = on_device(&made, Sampling::Hardware) else { return };
+    for shading in [None, Some(Shading::default())] {
+        let (_, look) = looks().into_iter().next().unwrap();
+        let look = Look { shading, ..look };
+        let mut draw = |frames: u8| {
+            for frame in 0..frames {
+                let from = [0.3, -0.5, -1.0 - f64::from(frame) / 100.0];
+                let view = perspective(&made, from, 150.0, [24, 16]);
+                renderer.converge(&view, &look, None, None).unwrap();
+            }
+        };
+        draw(10);
+        let before = memory();
+        draw(60);
+        let grown = memory().saturating_sub(before);
+        assert!(grown < 16 << 20, "{grown} bytes more after 60 frames, {shading:?}");
+    }
+}
