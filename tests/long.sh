@@ -13,6 +13,10 @@ for cpu in Haswell Nehalem; do
   done
 done
 
+# Faults at every operation, five times with other power cuts and second stops; a thousand flipped bits in each kind of bytes.
+OCTAVO_TEST_ROUNDS=5 cargo nextest run --workspace --no-capture -E 'package(preprocess) and binary(crash)'
+OCTAVO_TEST_FLIPS=1000 cargo nextest run --workspace --no-capture -E 'package(octree-store) and binary(damage)'
+
 # libFuzzer, a minute a parser, where cargo-fuzz is (cargo install cargo-fuzz).
 if cargo fuzz --version >/dev/null 2>&1; then fuzz/run.sh 60; fi
 
@@ -24,10 +28,18 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 octavo="$PWD/target/release/octavo"
 
-# Fifty more of a release build on a gigabyte, with what each cost.
+# Fifty more of a release build on a gigabyte, with what each cost; two hundred on an eighth of it, and disks that are too small.
 target/release/phantom micro-ct --dims 1024,1024,512 -o "$work/g_1024x1024x512_u16.raw"
 python3 tests/kills.py "$octavo" "$work/g_1024x1024x512_u16.raw" 50
 rm "$work/g_1024x1024x512_u16.raw"
+target/release/phantom micro-ct --dims 512,512,256 -o "$work/s_512x512x256_u16.raw"
+python3 tests/kills.py "$octavo" "$work/s_512x512x256_u16.raw" 200
+if [ "$(id -u)" = 0 ]; then python3 tests/full_disk.py "$octavo" "$work/s_512x512x256_u16.raw" 40; fi
+rm "$work/s_512x512x256_u16.raw"
+
+# An hour of serving under mixed load, with stores replaced.
+mkdir "$work/hour"
+"${OCTAVO_TEST_CLIENTS:-target/clients/bin/python}" tests/serve_hours.py "$octavo" "$work/hour" "${OCTAVO_TEST_SERVE_SECONDS:-3600}"
 
 # More than TIFF can hold: BigTIFF, of a sparse volume of zeros.
 truncate -s $((2048 * 2048 * 1040)) "$work/z_2048x2048x1040_u8.raw"

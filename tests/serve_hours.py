@@ -258,14 +258,14 @@ async def main():
                 "p50_ms": 1e3 * statistics.median(own),
                 "p99_ms": 1e3 * own[int(len(own) * 0.99)],
             })
+            with open(os.path.join(folder, "windows.jsonl"), "a") as file:
+                print(json.dumps(windows[-1]), file=file)
 
     tasks = [reader(seed) for seed in range(12)] + [asker(seed) for seed in range(100, 103)] + [painter(), nonsense(), replacer(), probe(), watcher()]
     await asyncio.gather(*tasks)
     await session.close()
     server.terminate()
     assert server.wait(30) == 0, "it did not end cleanly"
-    with open(os.path.join(folder, "windows.json"), "w") as file:
-        json.dump({"counts": counts, "windows": windows}, file)
     fifth = max(1, len(windows) // 5)
     early, late = windows[fifth:2 * fifth] or windows, windows[-fifth:]
 
