@@ -112,6 +112,24 @@ fn a_body_of_ten_gigabytes_is_refused_before_it_comes() {
 }
 
 #[test]
+fn a_body_over_http_2_is_refused_before_it_comes() {
+    let folder = folder();
+    let server = Running::over(folder.path());
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (client, connection) = h2::client::handshake(stream).await.unwrap();
+        tokio::spawn(connection);
+        let uri = format!("http://{}/v1/v/bricks", server.address);
+        let request =
+            http::Request::post(uri).header("content-length", "3000000").body(()).unwrap();
+        let (answer, mut body) =
+            client.ready().await.unwrap().send_request(request, false).unwrap();
+        body.send_data(bytes::Bytes::from_static(b"{"), false).unwrap();
+        assert_eq!(answer.await.unwrap().status().as_u16(), 413);
+    });
+}
+
+#[test]
 fn a_list_of_a_hundred_thousand_keys_is_refused() {
     let folder = folder();
     let server = Running::over(folder.path());
