@@ -272,6 +272,18 @@ fn windows_are_robust_and_units_spelled_out() {
         json!({"name": "z", "type": "space", "unit": "millimeter"})
     );
     assert_eq!(attributes["multiscales"][0]["version"], "0.4");
+    // One value everywhere still has a window, and ends that hold it.
+    for (value, ends) in [(777.0, [777.0, 778.0]), (65_535.0, [32_767.5, 65_535.0])] {
+        let volume = Volume::<u16>::new([9, 9, 9], 8, |_| value);
+        let folder = tempfile::tempdir().unwrap();
+        volume.write(&folder.path().join("flat.octavo"), Encoding::Lossless);
+        let attributes = Running::over(folder.path()).get("/zarr2/flat/.zattrs").json();
+        let [low, high] = ends;
+        assert_eq!(
+            attributes["omero"]["channels"][0]["window"],
+            json!({"min": low, "max": high, "start": low, "end": high})
+        );
+    }
     let group = server.get("/zarr3-5d/v/zarr.json").json();
     let ome = &group["attributes"]["ome"];
     assert_eq!(ome["version"], "0.5");
