@@ -292,3 +292,22 @@ impl Answer {
         headers.extend(self.headers);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_packing_would_make_larger_stays_as_it_is() {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static("gzip, zstd"));
+        let conditions = Conditions { method: Method::GET, headers };
+        let mut noise = vec![0; 4096];
+        blake3::Hasher::new().finalize_xof().fill(&mut noise);
+        for (bytes, packs) in [(vec![0; 4096], true), (noise, false)] {
+            let answer = Answer::document(bytes.clone(), "text/plain").packed(&conditions);
+            assert_eq!(answer.bytes == bytes, !packs);
+            assert_eq!(answer.headers.is_empty(), !packs);
+        }
+    }
+}

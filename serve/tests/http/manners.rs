@@ -147,6 +147,32 @@ fn head_says_what_get_would() {
 }
 
 #[test]
+fn head_has_no_ranges_and_a_document_s_are_parts_of_the_plain_one() {
+    let (server, _folder) = serve();
+    let whole = server.get(BRICK).body.len().to_string();
+    let head = server.send("HEAD", BRICK, &[("range", "bytes=0-3")], None);
+    assert_eq!((head.status, head.header("content-length")), (200, whole.as_str()));
+    let plain = server.get_with("/v1/v/info", &[("accept-encoding", "identity")]);
+    let headers = [("accept-encoding", "gzip, zstd"), ("range", "bytes=2-9")];
+    let part = server.get_with("/v1/v/info", &headers);
+    assert_eq!((part.status, part.header("content-encoding")), (206, ""));
+    assert_eq!((part.header("etag"), &part.body[..]), (plain.header("etag"), &plain.body[2..10]));
+}
+
+#[test]
+fn the_page_lets_nothing_in_from_elsewhere() {
+    let (server, _folder) = serve();
+    for path in ["/", "/page/app.js", "/page/style.css"] {
+        let reply = server.get(path);
+        let policy = reply.header("content-security-policy");
+        assert!(policy.starts_with("default-src 'none'; script-src 'self'"), "{policy}");
+        assert!(policy.contains("frame-ancestors 'none'"), "{policy}");
+        assert_eq!(reply.header("x-content-type-options"), "nosniff");
+        assert_eq!(reply.header("referrer-policy"), "no-referrer");
+    }
+}
+
+#[test]
 fn every_origin_may_ask_and_read() {
     let (server, _folder) = serve();
     let preflight = server.send(
@@ -224,6 +250,10 @@ fn documents_are_packed_where_it_pays_and_bricks_are_not() {
     let mut unpacked = Vec::new();
     flate2::read::GzDecoder::new(&*packed.body).read_to_end(&mut unpacked).unwrap();
     assert_eq!(unpacked, plain.body);
+    // One packet carries it either way.
+    let small = server.get_with("/zarr3/v/0/zarr.json", &[("accept-encoding", "gzip, zstd")]);
+    assert_eq!(small.header("content-encoding"), "");
+    assert!((300..1024).contains(&small.body.len()), "{}", small.body.len());
     let brick = server.get_with(BRICK, &[("accept-encoding", "gzip, zstd")]);
     assert_eq!(brick.header("content-encoding"), "");
     assert_eq!(plain.header("content-encoding"), "");
@@ -267,12 +297,15 @@ fn the_server_says_that_it_lives_and_what_it_did() {
     let (server, _folder) = serve();
     server.get(BRICK);
     server.get(BRICK);
+    server.send("BREW", BRICK, &[], None).assert_problem(405);
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(server.get("/readyz").status, 200);
     let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
     let route = "octavo_answers_total{route=\"/v1/{dataset}/bricks/{level}/{x}/{y}/{z}\",method=\"GET\",status=\"200\"} 2";
     assert!(metrics.contains(route), "{metrics}");
-    assert!(metrics.contains("octavo_cache_hits 1\n"), "{metrics}");
+    assert!(metrics.contains("octavo_cache_hits_total 1\n"), "{metrics}");
+    // Clients cannot make series.
+    assert!(metrics.contains("method=\"other\",status=\"405\"} 1") && !metrics.contains("BREW"));
     assert!(metrics.ends_with("# EOF\n"));
 }
 
