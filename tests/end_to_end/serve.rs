@@ -143,6 +143,37 @@ fn ask(stream: &mut BufReader<TcpStream>, path: &str) -> (String, Vec<u8>) {
 }
 
 #[test]
+fn a_brick_that_was_dropped_has_the_store_s_value_for_it_in_samples_and_frames() {
+    let bench = Bench::new();
+    let raw: Vec<u8> = (0..40 * 33 * 20).flat_map(|_| (-900_i16).to_le_bytes()).collect();
+    bench.write("low.raw", &raw);
+    bench.ok("convert low.raw --dims 40,33,20 --dtype i16 --empty-below -500");
+    let info = bench.ok("info low.octavo --json").json();
+    let value = i16::try_from(info["empty_value"].as_i64().unwrap()).unwrap();
+    assert_ne!(value, 0, "another value than what stands everywhere");
+    let server = Serving::new(&bench, "low.octavo --renderer none");
+    let address = server.base.trim_start_matches("http://");
+    let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
+    let (status, samples) = ask(&mut stream, "/v1/low/bricks/0/0/0/0");
+    assert_eq!((status.as_str(), samples.len()), ("200", 2 * 36 * 36 * 36));
+    assert!(samples.chunks(2).all(|sample| sample == value.to_le_bytes()));
+    let body = r#"{"keys":[[0,0,0,0]]}"#;
+    write!(
+        stream.get_mut(),
+        "POST /v1/low/bricks HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let mut reply = Vec::new();
+    stream.read_to_end(&mut reply).unwrap();
+    // The frame: key 0, empty, no body, the value twice.
+    let mut frame = vec![0; 8];
+    frame.extend_from_slice(&[3, 0, 0, 0, 0, 0, 0, 0]);
+    frame.extend_from_slice(&[f64::from(value).to_le_bytes(); 2].concat());
+    assert!(reply.windows(frame.len()).any(|window| window == frame), "{reply:?}");
+}
+
+#[test]
 fn a_server_without_a_file_to_spare_keeps_what_it_knows_and_looks_again_later() {
     let bench = Bench::new();
     bench.scan("a.raw");

@@ -473,16 +473,23 @@ fn connections_over_the_limit_are_told_to_come_again() {
         assert!(began.elapsed() < Duration::from_secs(20), "room that was given back is not used");
         std::thread::sleep(Duration::from_millis(20));
     }
+    let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
+    let refused = "octavo_refused_connections_total ";
+    let refused = metrics.lines().find_map(|line| line.strip_prefix(refused)).unwrap();
+    assert!(refused.parse::<u32>().unwrap() > 0);
 }
 
 #[test]
 fn heads_that_are_too_long_and_requests_that_are_none_are_refused() {
     let folder = folder();
     let server = Running::over(folder.path());
-    let mut stream = connect(&server);
-    let _ = write!(stream, "GET / HTTP/1.1\r\nhost: a\r\nx-long: {}\r\n\r\n", "a".repeat(100_000));
-    let said = rest(stream);
-    assert!(said.is_empty() || said.starts_with("HTTP/1.1 431"), "{said}");
+    for length in [17_000, 100_000] {
+        let mut stream = connect(&server);
+        let long = "a".repeat(length);
+        let _ = write!(stream, "GET / HTTP/1.1\r\nhost: a\r\nx-long: {long}\r\n\r\n");
+        let said = rest(stream);
+        assert!(said.is_empty() || said.starts_with("HTTP/1.1 431"), "{said}");
+    }
     for junk in [
         "\r\n\r\n\r\n",
         "GET\r\n\r\n",
@@ -654,5 +661,58 @@ fn one_http_2_connection_has_few_requests_at_once_and_short_heads() {
             Err(_) => 431,
         };
         assert_eq!(status, 431, "a head of 100 kB was read");
+    });
+}
+
+#[test]
+fn bodies_of_no_stated_length_count_as_long_and_short_ones_as_a_request() {
+    let folder = folder();
+    for (head, length) in
+        [("content-length: 100", 64 << 10), ("transfer-encoding: chunked", 1 << 20)]
+    {
+        let mut options = options(folder.path());
+        options.limits.all_body_bytes = 3 * length;
+        let server = Running::new(options);
+        let begin = || {
+            let mut stream = connect(&server);
+            write!(stream, "POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\n{head}\r\n\r\n").unwrap();
+            stream
+        };
+        let held = [begin(), begin(), begin()];
+        std::thread::sleep(Duration::from_millis(200));
+        server.post("/v1/v/bricks", r#"{"keys":[]}"#).assert_problem(503);
+        drop(held);
+        let began = Instant::now();
+        while server.post("/v1/v/bricks", r#"{"keys":[]}"#).status != 200 {
+            assert!(began.elapsed() < Duration::from_secs(20), "{head}: room is not given back");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+#[test]
+fn a_long_answer_may_take_longer_than_a_client_may_stall() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 64, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    options.limits.stall_time = Duration::from_millis(400);
+    let server = Running::new(options);
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (client, connection) = h2::client::handshake(stream).await.unwrap();
+        tokio::spawn(connection);
+        let uri = format!("http://{}/v1/v/bricks/0/0/0/0", server.address);
+        let request = http::Request::get(uri).body(()).unwrap();
+        let (answer, _) = client.ready().await.unwrap().send_request(request, true).unwrap();
+        let (mut body, mut length) = (answer.await.unwrap().into_body(), 0);
+        // About 300 KiB a second, for two seconds.
+        while let Some(part) = body.data().await {
+            let part = part.expect("it is taken fast enough");
+            length += part.len();
+            tokio::time::sleep(Duration::from_secs_f64(part.len() as f64 / 300e3)).await;
+            body.flow_control().release_capacity(part.len()).unwrap();
+        }
+        assert_eq!(length, 2 * 68 * 68 * 68);
     });
 }
