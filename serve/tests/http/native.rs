@@ -102,6 +102,7 @@ fn node_records_come_by_range_as_bytes_and_as_json() {
         assert_eq!(all.body, bytes);
         assert_eq!(all.header("x-octavo-nodes"), expected.len().to_string());
         let part = server.get(&format!("/v1/noise/nodes?level={level}&first=3&count=5"));
+        assert_eq!(part.header("x-octavo-nodes"), expected.len().to_string());
         let from = (3 * NodeRecord::BYTES).min(bytes.len());
         assert_eq!(part.body, bytes[from..(8 * NodeRecord::BYTES).min(bytes.len())]);
         let json = server.get(&format!("/v1/noise/nodes?level={level}&format=json")).json();
