@@ -111,7 +111,8 @@ mod tests {
     #[tokio::test]
     async fn one_who_leaves_makes_no_room_until_the_work_is_done() {
         let decoders = Decoders::new(1, 1, 1);
-        let ((begun, has_begun), (end, may_end)) = (mpsc::channel(), mpsc::channel::<()>());
+        let ((begun, has_begun), (end, may_end)) =
+            (mpsc::sync_channel(1), mpsc::sync_channel::<()>(1));
         let work = decoders.run(move |_| {
             begun.send(()).unwrap();
             may_end.recv().unwrap();
