@@ -9,7 +9,7 @@ use octree_store::Geometry;
 use octree_store::loader::{SpatialIndex, Upload, View};
 use rayon::prelude::*;
 use std::fmt::Debug;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 /// What is to be drawn.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +26,8 @@ pub struct Drawing<'a> {
     pub float_range: Option<[f64; 2]>,
     /// Distances from the eye at which rays end, a pixel each; none where nothing ends them.
     pub ends: Option<&'a [f32]>,
+    /// Set when nobody waits for the picture any more.
+    pub stop: &'a AtomicBool,
 }
 
 /// What was drawn.
@@ -53,7 +55,7 @@ pub trait Backend: Debug + Send {
     /// Draws.
     ///
     /// # Errors
-    /// When the device fails, or the volume is too wide.
+    /// When the device fails, the volume is too wide, or it was stopped.
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError>;
 }
 
@@ -89,7 +91,7 @@ impl Backend for CpuBackend {
     }
 
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError> {
-        let Drawing { index, view, look, table, float_range, ends } = *drawing;
+        let Drawing { index, view, look, table, float_range, ends, stop } = *drawing;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
         let frame = Frame::new(&grid, look, &self.geometry, [1, 1, 1])?;
         let nodes = pack(index, look, float_range);
@@ -107,12 +109,16 @@ impl Backend for CpuBackend {
             .into_par_iter()
             .flat_map_iter(|y| {
                 let scene = &scene;
-                (0..width).map(move |x| {
+                let columns = if stop.load(Ordering::Relaxed) { 0 } else { width };
+                (0..columns).map(move |x| {
                     let end = ends.map_or(f32::MAX, |ends| ends[(y * width + x) as usize]);
                     draw_pixel(scene, [x, y], end)
                 })
             })
             .collect();
+        if pixels.len() < width as usize * height as usize {
+            return Err(RenderError::Stopped);
+        }
         let picture = Picture {
             size: view.size,
             colors: pixels.iter().map(|p| p.color).collect(),

@@ -7,6 +7,9 @@ use thiserror::Error;
 /// Why there is no picture.
 #[derive(Debug, Error)]
 pub enum RenderError {
+    /// Nobody waits for the picture any more.
+    #[error("the picture was given up")]
+    Stopped,
     /// A number out of its range.
     #[error("{what} must be above 0 and at most {limit}, and {found} was given")]
     Number {

@@ -14,6 +14,7 @@ use octree_store::loader::{
 use serde::Serialize;
 use std::collections::HashSet;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// How much a renderer may take.
@@ -87,6 +88,7 @@ pub struct Renderer {
     format: BrickFormat,
     table: Option<(Look, TransferTable)>,
     effort: Effort,
+    stop: Arc<AtomicBool>,
 }
 
 /// Pixels of a view for one of the small one that finds what it needs.
@@ -130,6 +132,7 @@ impl Renderer {
             visibility: options.visibility,
             table: None,
             effort: Effort::default(),
+            stop: Arc::default(),
         })
     }
 
@@ -146,6 +149,11 @@ impl Renderer {
     /// What draws.
     pub fn backend(&self) -> &dyn Backend {
         &*self.backend
+    }
+
+    /// From now on a picture is given up, with [`RenderError::Stopped`], soon after this is set.
+    pub fn stop_on(&mut self, stop: Arc<AtomicBool>) {
+        self.stop = stop;
     }
 
     /// Draws one frame with what is in core, and asks for what is not.
@@ -195,7 +203,10 @@ impl Renderer {
     ) -> Result<Rendered, RenderError> {
         let started = Instant::now();
         let mut problems = Vec::new();
-        let late = || at_most.is_some_and(|limit| started.elapsed() >= limit);
+        let stop = Arc::clone(&self.stop);
+        let late = || {
+            stop.load(Ordering::Relaxed) || at_most.is_some_and(|limit| started.elapsed() >= limit)
+        };
         if !self.visibility {
             loop {
                 let (_, converged, new) = self.load(view, look)?;
@@ -270,7 +281,8 @@ impl Renderer {
         }
         let Some((_, table)) = &self.table else { unreachable!("the table was made just now") };
         let float_range = (self.format == BrickFormat::R32Float).then_some(self.float_range);
-        self.backend.draw(&Drawing { index, view, look, table, float_range, ends })
+        let stop = &self.stop;
+        self.backend.draw(&Drawing { index, view, look, table, float_range, ends, stop })
     }
 
     fn count(&mut self, index: &SpatialIndex) {

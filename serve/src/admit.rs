@@ -6,7 +6,7 @@ use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use http::{HeaderMap, HeaderValue, StatusCode, header};
+use http::{HeaderMap, HeaderValue, StatusCode, Version, header};
 use std::sync::Arc;
 
 /// The cookie that may hold the token.
@@ -20,6 +20,12 @@ pub(crate) async fn admit(
     request: Request<Body>,
     next: Next,
 ) -> Response {
+    // Who stands between may have gone by another one than who answers (RFC 9112, 3.2).
+    if request.version() == Version::HTTP_11
+        && request.headers().get_all(header::HOST).iter().count() != 1
+    {
+        return Problem::malformed("a request of HTTP/1.1 has one Host").into_response();
+    }
     let path = request.uri().path();
     // However busy: who runs the server must see that it lives.
     if OPEN.contains(&path) {

@@ -33,12 +33,16 @@ impl Conditions {
         self.headers.get(name)?.to_str().ok()
     }
 
-    /// Whether the client has the answer with this tag already. A `*` does not count: it asks whether
-    /// there is an answer, which only the work of making it can tell.
+    /// The items of a list, which may come in several lines.
+    fn items(&self, name: HeaderName) -> impl Iterator<Item = &str> {
+        let lines = self.headers.get_all(name).into_iter().filter_map(|line| line.to_str().ok());
+        lines.flat_map(|line| line.split(',').map(str::trim))
+    }
+
+    /// Whether the client has the answer with this tag already, and says nothing that comes before that. A `*` does not
+    /// count: it asks whether there is an answer, which only the work of making it can tell.
     pub(crate) fn has(&self, etag: &str) -> bool {
-        let listed = |list: &str| list.split(',').any(|item| names(item, etag));
-        let values = self.headers.get_all(header::IF_NONE_MATCH).iter();
-        values.filter_map(|value| value.to_str().ok()).any(listed)
+        !self.forbids(etag) && self.items(header::IF_NONE_MATCH).any(|item| names(item, etag))
     }
 
     fn has_any(&self) -> bool {
@@ -47,8 +51,8 @@ impl Conditions {
 
     /// Whether `If-Match` forbids an answer with this tag.
     fn forbids(&self, etag: &str) -> bool {
-        let strong = |item: &str| item.trim() == quoted(etag) || item.trim() == "*";
-        self.text(header::IF_MATCH).is_some_and(|list| !list.split(',').any(strong))
+        self.headers.contains_key(header::IF_MATCH)
+            && !self.items(header::IF_MATCH).any(|item| item == quoted(etag) || item == "*")
     }
 
     /// The part that is asked for, of an answer of `length` bytes with this tag.
@@ -87,11 +91,13 @@ impl Conditions {
         if self.headers.contains_key(header::RANGE) {
             return None;
         }
-        let accepted = self.text(header::ACCEPT_ENCODING)?;
+        let refused = |weight: &str| {
+            let (name, value) = weight.split_once('=').unwrap_or_default();
+            name.eq_ignore_ascii_case("q") && value.parse() == Ok(0.0)
+        };
         let takes = |name: &str| {
-            accepted.split(',').any(|item| {
+            self.items(header::ACCEPT_ENCODING).any(|item| {
                 let mut parts = item.split(';').map(str::trim);
-                let refused = |q: &str| q.strip_prefix("q=").is_some_and(|q| q.parse() == Ok(0.0));
                 parts.next().is_some_and(|n| n.eq_ignore_ascii_case(name)) && !parts.any(refused)
             })
         };
@@ -101,7 +107,6 @@ impl Conditions {
 
 /// Whether an item of `If-None-Match` names this tag; weak tags compare as strong ones there.
 fn names(item: &str, etag: &str) -> bool {
-    let item = item.trim();
     item.strip_prefix("W/").unwrap_or(item) == quoted(etag)
 }
 
@@ -285,5 +290,24 @@ impl Answer {
             headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
         }
         headers.extend(self.headers);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_packing_would_make_larger_stays_as_it_is() {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static("gzip, zstd"));
+        let conditions = Conditions { method: Method::GET, headers };
+        let mut noise = vec![0; 4096];
+        blake3::Hasher::new().finalize_xof().fill(&mut noise);
+        for (bytes, packs) in [(vec![0; 4096], true), (noise, false)] {
+            let answer = Answer::document(bytes.clone(), "text/plain").packed(&conditions);
+            assert_eq!(answer.bytes == bytes, !packs);
+            assert_eq!(answer.headers.is_empty(), !packs);
+        }
     }
 }

@@ -118,8 +118,12 @@ impl App {
         }
         // Who asks for what is being made waits for it. Failures are not kept.
         match self.products.get_value_or_guard_async(&(dataset.id, shape, key)).await {
-            Ok(product) => Ok(product),
+            Ok(product) => {
+                self.metrics.cache_hits.inc();
+                Ok(product)
+            }
             Err(guard) => {
+                self.metrics.cache_misses.inc();
                 let opened = self.opened(dataset);
                 let work = move |scratch: &mut _| {
                     opened().map(|store| product::make(&store, key, shape, scratch))
@@ -176,9 +180,9 @@ impl App {
         self.read(&named.dataset, move |store| work(&dataset, dataset.statistics(store))).await
     }
 
-    /// Bytes in the cache, hits and misses.
-    pub(crate) fn cache_state(&self) -> (u64, u64, u64) {
-        (self.products.weight(), self.products.hits(), self.products.misses())
+    /// Bytes of products that are kept.
+    pub(crate) fn kept_bytes(&self) -> u64 {
+        self.products.weight()
     }
 }
 

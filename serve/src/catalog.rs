@@ -6,7 +6,9 @@
 use crate::dataset::{Dataset, Named, PIN_DIGITS};
 use crate::handles::Handles;
 use crate::problem::Problem;
+use octree_store::StoreError;
 use std::collections::{BTreeMap, HashSet};
+use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,6 +23,18 @@ struct Fingerprint {
     modified: (i64, i64),
 }
 
+impl Fingerprint {
+    fn of(path: &Path) -> io::Result<Self> {
+        let meta = std::fs::metadata(path)?;
+        Ok(Self {
+            device: meta.dev(),
+            inode: meta.ino(),
+            bytes: meta.len(),
+            modified: (meta.mtime(), meta.mtime_nsec()),
+        })
+    }
+}
+
 /// A store by name, open or not.
 #[derive(Debug, Clone)]
 pub(crate) enum Entry {
@@ -31,7 +45,8 @@ pub(crate) enum Entry {
 #[derive(Debug, Clone)]
 struct Listed {
     path: PathBuf,
-    fingerprint: Fingerprint,
+    /// None where the file is to be opened again, whether it changed or not.
+    fingerprint: Option<Fingerprint>,
     entry: Entry,
 }
 
@@ -40,7 +55,8 @@ struct Listed {
 pub(crate) struct Catalog {
     roots: Vec<PathBuf>,
     entries: RwLock<Arc<BTreeMap<String, Listed>>>,
-    scanning: Mutex<()>,
+    /// Held by who looks: files that were passed over, and said to be.
+    scanning: Mutex<HashSet<PathBuf>>,
     next_id: AtomicU64,
     pub(crate) handles: Handles,
 }
@@ -65,35 +81,42 @@ impl Catalog {
 
     /// Looks at folders and stores again. Reads files: for a thread that may wait.
     pub(crate) fn rescan(&self) {
-        let _one_at_a_time = self.scanning.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut told = self.scanning.lock().unwrap_or_else(PoisonError::into_inner);
         let before = self.snapshot();
-        let mut found = BTreeMap::new();
-        for path in self.files() {
-            let Some(name) = path.file_stem().and_then(|stem| stem.to_str()) else {
-                tracing::warn!(path = %path.display(), "passed over: its name is no UTF-8");
+        let (mut found, mut passed) = (BTreeMap::new(), HashSet::new());
+        let mut pass_over = |path: PathBuf, why: &str| {
+            if !told.contains(&path) {
+                tracing::warn!(path = %path.display(), "passed over: {why}");
+            }
+            passed.insert(path);
+        };
+        for path in self.files(&before) {
+            let Some(name) = path.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned)
+            else {
+                pass_over(path, "its name is no UTF-8");
                 continue;
             };
-            if let Some(Listed { path: other, .. }) = found.get(name) {
+            if let Some(Listed { path: other, .. }) = found.get(&name) {
                 if *other != path {
-                    tracing::debug!(path = %path.display(), other = %other.display(), "passed over: \
-                        another store has its name");
+                    pass_over(path, &format!("{} has its name", other.display()));
                 }
                 continue;
             }
-            let Ok(meta) = std::fs::metadata(&path) else { continue };
-            let fingerprint = Fingerprint {
-                device: meta.dev(),
-                inode: meta.ino(),
-                bytes: meta.len(),
-                modified: (meta.mtime(), meta.mtime_nsec()),
+            let old = before.get(&name).filter(|old| old.path == path);
+            let listed = match (Fingerprint::of(&path), old) {
+                (Ok(now), Some(old)) if old.fingerprint == Some(now) => old.clone(),
+                (Ok(now), old) => {
+                    let again = old.is_some_and(|old| old.fingerprint.is_none());
+                    self.open(&name, path, now, again)
+                }
+                (Err(error), _) if error.kind() == io::ErrorKind::NotFound => continue,
+                // Nothing says that it changed.
+                (Err(_), Some(old)) => old.clone(),
+                (Err(_), None) => continue,
             };
-            let same = |old: &&Listed| old.path == path && old.fingerprint == fingerprint;
-            let entry = match before.get(name).filter(same) {
-                Some(old) => old.entry.clone(),
-                None => self.open(name, &path, meta.len()),
-            };
-            found.insert(name.to_owned(), Listed { path, fingerprint, entry });
+            found.insert(name, listed);
         }
+        *told = passed;
         let served: HashSet<u64> = found
             .values()
             .filter_map(|listed| match &listed.entry {
@@ -105,15 +128,20 @@ impl Catalog {
         self.handles.retain(|id| served.contains(&id));
     }
 
-    /// The stores' files: those that were named, and those that lie in folders that were.
-    fn files(&self) -> Vec<PathBuf> {
+    /// The stores' files: those that were named, and those that lie in folders that were. Of a folder that cannot be
+    /// read now, those that it had before.
+    fn files(&self, before: &BTreeMap<String, Listed>) -> Vec<PathBuf> {
         let mut files = Vec::new();
         for root in &self.roots {
             if !root.is_dir() {
                 files.push(root.clone());
                 continue;
             }
-            let Ok(folder) = std::fs::read_dir(root) else { continue };
+            let Ok(folder) = std::fs::read_dir(root) else {
+                let known = before.values().map(|listed| &listed.path);
+                files.extend(known.filter(|path| path.parent() == Some(root)).cloned());
+                continue;
+            };
             let mut inside: Vec<PathBuf> = folder
                 .filter_map(|entry| Some(entry.ok()?.path()))
                 .filter(|path| path.extension().is_some_and(|extension| extension == "octavo"))
@@ -126,18 +154,25 @@ impl Catalog {
         files
     }
 
-    fn open(&self, name: &str, path: &Path, bytes: u64) -> Entry {
-        match Handles::open(path) {
+    /// Opens a store, `again` where that failed before and was said.
+    fn open(&self, name: &str, path: PathBuf, fingerprint: Fingerprint, again: bool) -> Listed {
+        match Handles::open(&path) {
             Ok(store) => {
                 tracing::info!(dataset = name, "opened");
                 let id = self.next_id.fetch_add(1, Ordering::Relaxed);
-                let dataset = Dataset::new(id, name.to_owned(), &store, bytes);
+                let dataset = Dataset::new(id, name.to_owned(), &store, fingerprint.bytes);
                 self.handles.keep(id, store);
-                Entry::Open(Arc::new(dataset))
+                let entry = Entry::Open(Arc::new(dataset));
+                Listed { path, fingerprint: Some(fingerprint), entry }
             }
             Err(error) => {
-                tracing::warn!(dataset = name, %error, "cannot be opened");
-                Entry::Broken(Problem::of_store(&error))
+                if !again {
+                    tracing::warn!(dataset = name, %error, "cannot be opened");
+                }
+                // The system may read it the next time, and the file be the same.
+                let lasting = !matches!(error, StoreError::Io { .. });
+                let entry = Entry::Broken(Problem::of_store(&error));
+                Listed { path, fingerprint: lasting.then_some(fingerprint), entry }
             }
         }
     }

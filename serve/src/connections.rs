@@ -51,8 +51,9 @@ pub(crate) async fn accept(
         let (stream, peer) = match accepted {
             Ok(accepted) => accepted,
             Err(error) => {
-                // Out of file descriptors, mostly: connections that end make room.
+                // Out of file descriptors, mostly: who asks nothing makes room.
                 tracing::warn!(%error, "a connection could not be accepted");
+                app.places.call_in();
                 tokio::time::sleep(Duration::from_millis(50)).await;
                 continue;
             }

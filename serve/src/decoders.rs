@@ -57,8 +57,10 @@ impl Decoders {
             self.waiting.fetch_sub(1, Ordering::Relaxed);
             return Err(Problem::busy("too many requests wait for bricks to be decoded"));
         }
-        let _waiting = Waiting(&self.waiting);
-        self.run_in_turn(work).await
+        let waiting = Waiting(&self.waiting);
+        let permit = self.turn().await?;
+        drop(waiting);
+        Self::with(permit, work).await
     }
 
     /// Does work on a thread of the pool, when its turn comes.
@@ -66,9 +68,12 @@ impl Decoders {
         &self,
         work: impl FnOnce(&mut BrickScratch) -> T + Send + 'static,
     ) -> Result<T, Problem> {
+        Self::with(self.turn().await?, work).await
+    }
+
+    async fn turn(&self) -> Result<OwnedSemaphorePermit, Problem> {
         let permit = Arc::clone(&self.running).acquire_owned().await;
-        let permit = permit.map_err(|_| Problem::busy("the server is stopping"))?;
-        Self::with(permit, work).await
+        permit.map_err(|_| Problem::busy("the server is stopping"))
     }
 
     async fn with<T: Send + 'static>(
@@ -94,5 +99,30 @@ impl Decoders {
     pub(crate) fn load(&self) -> (usize, usize) {
         let running = self.threads.saturating_sub(self.running.available_permits());
         (running, self.waiting.load(Ordering::Relaxed))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc;
+    use std::time::Duration;
+
+    #[tokio::test]
+    async fn one_who_leaves_makes_no_room_until_the_work_is_done() {
+        let decoders = Decoders::new(1, 1, 1);
+        let ((begun, has_begun), (end, may_end)) =
+            (mpsc::sync_channel(1), mpsc::sync_channel::<()>(1));
+        let work = decoders.run(move |_| {
+            begun.send(()).unwrap();
+            may_end.recv().unwrap();
+        });
+        assert!(tokio::time::timeout(Duration::from_millis(50), work).await.is_err(), "it left");
+        has_begun.recv().unwrap();
+        let next = decoders.run(|_| ());
+        assert!(tokio::time::timeout(Duration::from_millis(50), next).await.is_err(), "no room");
+        assert_eq!(decoders.load(), (1, 0));
+        end.send(()).unwrap();
+        decoders.run(|_| ()).await.unwrap();
     }
 }

@@ -33,6 +33,8 @@ pub(crate) struct Metrics {
     pub(crate) connections: Gauge,
     pub(crate) refused_connections: Counter,
     pub(crate) failures: Counter,
+    pub(crate) cache_hits: Counter,
+    pub(crate) cache_misses: Counter,
     pub(crate) sent_bytes: Counter,
 }
 
@@ -44,6 +46,8 @@ impl Default for Metrics {
             connections: Gauge::default(),
             refused_connections: Counter::default(),
             failures: Counter::default(),
+            cache_hits: Counter::default(),
+            cache_misses: Counter::default(),
             sent_bytes: Counter::default(),
         }
     }
@@ -73,18 +77,17 @@ pub(crate) fn exposition(app: &App) -> Result<String, std::fmt::Error> {
     registry.register("refused_connections", "Connections over the limit", refused);
     registry.register("failures", "Bricks that could not be read", metrics.failures.clone());
     registry.register("sent_bytes", "Bytes of answers of known length", metrics.sent_bytes.clone());
+    registry.register("cache_hits", "Bricks found ready", metrics.cache_hits.clone());
+    registry.register("cache_misses", "Bricks that had to be made", metrics.cache_misses.clone());
     let gauge = |value: u64| {
         let gauge = Gauge::<i64>::default();
         gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         gauge
     };
     let (running, waiting) = app.decoders.load();
-    let (bytes, hits, misses) = app.cache_state();
     registry.register("decodes_running", "Bricks being decoded", gauge(running as u64));
     registry.register("decodes_waiting", "Requests that wait to decode", gauge(waiting as u64));
-    registry.register("cache_bytes", "Bytes of answers kept ready", gauge(bytes));
-    registry.register("cache_hits", "Bricks found ready", gauge(hits));
-    registry.register("cache_misses", "Bricks that had to be made", gauge(misses));
+    registry.register("cache_bytes", "Bytes of answers kept ready", gauge(app.kept_bytes()));
     registry.register("datasets", "Stores served", gauge(app.catalog.list().len() as u64));
     let mut out = String::new();
     text::encode(&mut out, &registry)?;

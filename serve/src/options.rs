@@ -65,6 +65,8 @@ pub struct Limits {
     pub requests: usize,
     /// Keys in a request's list.
     pub list_keys: usize,
+    /// Samples of a slice: a larger one is to be asked for at a coarser level.
+    pub slice_samples: u64,
     /// Bytes of a request's head.
     pub head_bytes: usize,
     /// From a request's head until its answer begins.
@@ -97,6 +99,7 @@ impl Default for Limits {
             answer_bytes: 256 << 20,
             requests: 4096,
             list_keys: 16_384,
+            slice_samples: 1 << 24,
             head_bytes: 16 << 10,
             request_time: Duration::from_secs(30),
             head_time: Duration::from_secs(30),

@@ -2,6 +2,8 @@
 
 use octree_store::Store;
 use octree_store::loader::{TransferFunction, View};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -18,6 +20,8 @@ pub struct RenderRequest {
     pub step_voxels: f64,
     /// After so long the picture is to be told as it is, coarse as it may be.
     pub at_most: Duration,
+    /// Set when nobody waits for the picture any more: the client left, or its time is over. To be looked at while drawing.
+    pub given_up: Arc<AtomicBool>,
 }
 
 /// A picture.

@@ -65,7 +65,7 @@ impl Statistics {
 }
 
 /// A window of which the ends differ.
-fn widened([low, high]: [f64; 2], sample_type: SampleType) -> [f64; 2] {
+pub(crate) fn widened([low, high]: [f64; 2], sample_type: SampleType) -> [f64; 2] {
     if high > low {
         return [low, high];
     }

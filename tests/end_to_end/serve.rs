@@ -2,10 +2,13 @@
 
 use crate::readers::python_of;
 use crate::support::{Bench, octavo, sample};
-use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
+use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::{Duration, Instant};
 
 /// A server that ends when it is dropped.
 struct Serving {
@@ -17,7 +20,18 @@ struct Serving {
 
 impl Serving {
     fn new(bench: &Bench, arguments: &str) -> Self {
-        let mut command = octavo();
+        Self::started(octavo(), bench, arguments)
+    }
+
+    /// A server that may have so many files open.
+    fn limited(bench: &Bench, arguments: &str, files: usize) -> Self {
+        let mut command = Command::new("sh");
+        command.args(["-c", &format!("ulimit -n {files} && exec \"$0\" \"$@\"")]);
+        command.arg(octavo().get_program());
+        Self::started(command, bench, arguments)
+    }
+
+    fn started(mut command: Command, bench: &Bench, arguments: &str) -> Self {
         command.args(["serve", "--bind", "127.0.0.1:0"]).args(arguments.split(' '));
         command.current_dir(bench.folder()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().unwrap();
@@ -93,7 +107,7 @@ fn a_served_picture_is_the_one_that_render_draws() {
     bench.write("eye.json", camera.as_bytes());
     bench.ok("render tooth.octavo -o eye.png --size 120x90 --camera eye.json --backend cpu");
     let server = Serving::new(&bench, "tooth.octavo --renderer cpu");
-    let body = format!(r#"{{"camera":{camera},"size":[120,90],"step":0.5,"seconds":30}}"#);
+    let body = format!(r#"{{"camera":{camera},"size":[120,90],"step":0.5,"seconds":20}}"#);
     let address = server.base.trim_start_matches("http://");
     let mut stream = std::net::TcpStream::connect(address).unwrap();
     let head = format!(
@@ -111,6 +125,168 @@ fn a_served_picture_is_the_one_that_render_draws() {
     );
     let own = std::fs::read(bench.path("eye.png")).unwrap();
     assert!(pixels(&reply[end + 4..]) == pixels(&own), "the same pixels");
+}
+
+/// What a server answers on a connection that stays open: the status, and the body.
+fn ask(stream: &mut BufReader<TcpStream>, path: &str) -> (String, Vec<u8>) {
+    write!(stream.get_mut(), "GET {path} HTTP/1.1\r\nhost: a\r\n\r\n").unwrap();
+    let mut lines = Vec::new();
+    while lines.last().is_none_or(|line: &String| line != "\r\n") {
+        let mut line = String::new();
+        assert!(stream.read_line(&mut line).unwrap() > 0, "the connection ended");
+        lines.push(line);
+    }
+    let length = lines.iter().find_map(|line| line.strip_prefix("content-length: ")).unwrap();
+    let mut body = vec![0; length.trim().parse().unwrap()];
+    stream.read_exact(&mut body).unwrap();
+    (lines[0].split(' ').nth(1).unwrap().to_owned(), body)
+}
+
+#[test]
+fn a_brick_that_was_dropped_has_the_store_s_value_for_it_in_samples_and_frames() {
+    let bench = Bench::new();
+    let raw: Vec<u8> = (0..40 * 33 * 20).flat_map(|_| (-900_i16).to_le_bytes()).collect();
+    bench.write("low.raw", &raw);
+    bench.ok("convert low.raw --dims 40,33,20 --dtype i16 --empty-below -500");
+    let info = bench.ok("info low.octavo --json").json();
+    let value = i16::try_from(info["empty_value"].as_i64().unwrap()).unwrap();
+    assert_ne!(value, 0, "another value than what stands everywhere");
+    let server = Serving::new(&bench, "low.octavo --renderer none");
+    let address = server.base.trim_start_matches("http://");
+    let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
+    let (status, samples) = ask(&mut stream, "/v1/low/bricks/0/0/0/0");
+    assert_eq!((status.as_str(), samples.len()), ("200", 2 * 36 * 36 * 36));
+    assert!(samples.chunks(2).all(|sample| sample == value.to_le_bytes()));
+    let body = r#"{"keys":[[0,0,0,0]]}"#;
+    write!(
+        stream.get_mut(),
+        "POST /v1/low/bricks HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let mut reply = Vec::new();
+    stream.read_to_end(&mut reply).unwrap();
+    // The frame: key 0, empty, no body, the value twice.
+    let mut frame = vec![0; 8];
+    frame.extend_from_slice(&[3, 0, 0, 0, 0, 0, 0, 0]);
+    frame.extend_from_slice(&[f64::from(value).to_le_bytes(); 2].concat());
+    assert!(reply.windows(frame.len()).any(|window| window == frame), "{reply:?}");
+}
+
+#[test]
+fn a_server_without_a_file_to_spare_keeps_what_it_knows_and_looks_again_later() {
+    let bench = Bench::new();
+    bench.scan("a.raw");
+    std::fs::create_dir(bench.path("folder")).unwrap();
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16 -o folder/a.octavo");
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16 -o b.octavo");
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16 --brick 8 -o other.octavo");
+    let server = Serving::new(&bench, "folder b.octavo --rescan 0.1 --renderer none");
+    let address = server.base.trim_start_matches("http://");
+    let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
+    let (status, before) = ask(&mut stream, "/v1/a/info");
+    assert_eq!((status.as_str(), ask(&mut stream, "/v1/b/info").0.as_str()), ("200", "200"));
+    let pid = Pid::from_child(&server.child);
+    let files = |current| Rlimit { current, ..getrlimit(Resource::Nofile) };
+    let all = prlimit(Some(pid), Resource::Nofile, files(Some(3))).unwrap();
+    // It can look at no folder and open no store; several looks long.
+    std::fs::rename(bench.path("other.octavo"), bench.path("b.octavo")).unwrap();
+    let began = Instant::now();
+    let mut refused = false;
+    while began.elapsed() < Duration::from_millis(600) || !refused {
+        assert_eq!(ask(&mut stream, "/v1/a/info"), ("200".to_owned(), before.clone()));
+        refused = ask(&mut stream, "/v1/b/info").0 == "500";
+        assert!(began.elapsed() < Duration::from_secs(30), "it was replaced");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    prlimit(Some(pid), Resource::Nofile, all).unwrap();
+    while ask(&mut stream, "/v1/b/info").0 != "200" {
+        assert!(began.elapsed() < Duration::from_mins(1), "it can be opened again");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn more_connections_than_files_leave_room_for_stores_and_for_who_asks() {
+    let bench = Bench::new();
+    bench.scan("a.raw");
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16");
+    let mut server = Serving::limited(&bench, "a.octavo --rescan 0.1 --renderer none", 200);
+    let address = server.base.trim_start_matches("http://").to_owned();
+    let mut stream = BufReader::new(TcpStream::connect(&address).unwrap());
+    let silent: Vec<TcpStream> = (0..300).map(|_| TcpStream::connect(&address).unwrap()).collect();
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_millis(500) {
+        assert_eq!(ask(&mut stream, "/v1/a/bricks/0/0/0/0").0, "200");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    drop(silent);
+    server.interrupt();
+    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+    let log = std::io::read_to_string(server.child.stderr.take().unwrap()).unwrap();
+    assert!(log.contains("\"connections\":104") && !log.contains("could not be accepted"), "{log}");
+}
+
+#[test]
+fn a_picture_whose_client_left_makes_room_for_others() {
+    let bench = Bench::new();
+    bench.ok(&format!("convert {} -o tooth.octavo", sample("tooth.nii.gz")));
+    let server = Serving::new(&bench, "tooth.octavo --renderer cpu");
+    let address = server.base.trim_start_matches("http://");
+    let draw = |more: &str| {
+        let camera = r#"{"projection":"perspective","position":[250,-60,-90],"target":[51,47,80],"up":[0,-1,0],"fov_y_deg":30}"#;
+        let body = format!(r#"{{"camera":{camera},{more}}}"#);
+        let mut stream = TcpStream::connect(address).unwrap();
+        write!(
+            stream,
+            "POST /v1/tooth/render HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {}\r\n\r\n{body}",
+            body.len()
+        )
+        .unwrap();
+        stream
+    };
+    // Minutes of work.
+    let left = draw(r#""size":[2048,2048],"step":0.1,"accuracy":0.1"#);
+    std::thread::sleep(Duration::from_millis(1500));
+    let drawn = || {
+        let mut reply = Vec::new();
+        let _ = draw(r#""size":[32,32],"accuracy":4"#).read_to_end(&mut reply);
+        reply.starts_with(b"HTTP/1.1 200")
+    };
+    assert!(!drawn(), "one picture at a time");
+    drop(left);
+    let began = Instant::now();
+    while !drawn() {
+        assert!(began.elapsed() < Duration::from_secs(30), "it is still being drawn");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn files_that_are_passed_over_are_told_once() {
+    let bench = Bench::new();
+    bench.scan("a.raw");
+    for folder in ["one", "two"] {
+        std::fs::create_dir(bench.path(folder)).unwrap();
+        bench.ok(&format!("convert a.raw --dims 40,33,20 --dtype u16 -o {folder}/a.octavo"));
+    }
+    let odd = std::ffi::OsStr::from_bytes(b"odd\xff.octavo");
+    std::fs::copy(bench.path("one/a.octavo"), bench.path("one").join(odd)).unwrap();
+    std::fs::copy(bench.path("one/a.octavo"), bench.path("one/new\nline.octavo")).unwrap();
+    let mut server = Serving::new(&bench, "one two --rescan 0.1 --renderer none");
+    let mut lines = [String::new(), String::new()];
+    for line in &mut lines {
+        server.said.read_line(line).unwrap();
+    }
+    assert!(
+        lines[0].starts_with("a: https://") && lines[1].starts_with("new\u{fffd}line: https://")
+    );
+    std::thread::sleep(Duration::from_millis(500));
+    server.interrupt();
+    assert_eq!(server.child.wait().unwrap().code(), Some(0));
+    let log = std::io::read_to_string(server.child.stderr.take().unwrap()).unwrap();
+    let told = |what: &str| log.lines().filter(|line| line.contains(what)).count();
+    assert_eq!((told("has its name"), told("no UTF-8")), (1, 1), "{log}");
 }
 
 #[test]

@@ -12,6 +12,7 @@ use crate::ray::{Frame, Variant, pack, table_rows};
 use crate::view::RayGrid;
 use octree_store::loader::{BrickFormat, Upload};
 use octree_store::{Geometry, Metadata};
+use std::sync::atomic::Ordering;
 use wgpu::{BindingType, Buffer, BufferBindingType, BufferUsages, Features, TextureFormat};
 
 /// Entries of the table in a line of its texture, as `transfer.wgsl` reads them.
@@ -224,7 +225,7 @@ impl Backend for GpuBackend {
     }
 
     fn draw(&mut self, drawing: &Drawing) -> Result<Drawn, RenderError> {
-        let Drawing { index, view, look, table, float_range, ends } = *drawing;
+        let Drawing { index, view, look, table, float_range, ends, stop } = *drawing;
         let size = view.size;
         let grid = RayGrid::new(view, look, self.geometry.dims_xyz(), self.spacing_xyz);
         let frame = Frame::new(&grid, look, &self.geometry, self.pool.slots_xyz())?;
@@ -270,6 +271,9 @@ impl Backend for GpuBackend {
             self.device.queue.write_buffer(&tile.depths, 0, bytemuck::cast_slice(&end));
             let mut resumed = false;
             let found = loop {
+                if stop.load(Ordering::Relaxed) {
+                    return Err(RenderError::Stopped);
+                }
                 let pipeline = self.pipeline(variant, resumed)?;
                 let frame = Frame { first_row, ..frame };
                 self.device.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(&frame));

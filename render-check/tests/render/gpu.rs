@@ -6,6 +6,8 @@ use render_check::gpu::{AdapterChoice, GpuBackend, Sampling, adapters};
 use render_check::picture::Picture;
 use render_check::view::{Filter, Look, Mode, Shading};
 use render_check::{RenderError, Renderer, RendererOptions};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 const DIMS: [u64; 3] = [70, 61, 55];
 
@@ -59,6 +61,19 @@ fn assert_alike(what: &str, device: &Picture, mirror: &Picture, surface: bool) {
     let worst = all.iter().copied().fold(0.0, f32::max);
     println!("{what}: worst {worst:e}, mean {mean:e}");
     assert!(mean <= 0.1 / 255.0, "{what}: mean {mean}");
+}
+
+#[test]
+fn a_device_gives_up_a_picture_that_nobody_waits_for_and_draws_the_next() {
+    let made = make_u16(DIMS, Folding::default(), blob(DIMS));
+    let Some(mut renderer) = on_device(&made, Sampling::Manual) else { return };
+    let [(_, look), _] = looks();
+    let view = perspective(&made, [0.3, -0.5, -1.0], 150.0, [96, 80]);
+    renderer.stop_on(Arc::new(AtomicBool::new(true)));
+    let given_up = renderer.converge(&view, &look, None, None);
+    assert!(matches!(given_up, Err(RenderError::Stopped)), "{given_up:?}");
+    renderer.stop_on(Arc::default());
+    assert!(renderer.converge(&view, &look, None, None).unwrap().converged);
 }
 
 #[test]

@@ -2,8 +2,10 @@
 
 use crate::support::*;
 use octree_store::Encoding;
-use render_check::RendererOptions;
 use render_check::view::{Look, Mode, Shading};
+use render_check::{RenderError, RendererOptions};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 const DIMS: [u64; 3] = [70, 61, 55];
 
@@ -27,6 +29,23 @@ fn a_lossless_store_looks_like_its_source() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn a_picture_that_nobody_waits_for_is_given_up_and_the_next_is_drawn() {
+    let made = make_u16(DIMS, Folding::default(), blob(DIMS));
+    let [(_, look), _] = looks();
+    let view = perspective(&made, [0.3, -0.5, -1.0], 160.0, [96, 80]);
+    for visibility in [true, false] {
+        let options = RendererOptions { visibility, ..RendererOptions::default() };
+        let mut renderer = made.renderer(&options);
+        renderer.stop_on(Arc::new(AtomicBool::new(true)));
+        let given_up = renderer.converge(&view, &look, None, None);
+        assert!(matches!(given_up, Err(RenderError::Stopped)), "{given_up:?}");
+        renderer.stop_on(Arc::default());
+        let drawn = renderer.converge(&view, &look, None, None).unwrap();
+        assert!(drawn.converged && drawn.picture == made.mirrored(&view, &look).picture);
     }
 }
 

@@ -12,13 +12,14 @@ use http::{HeaderName, StatusCode, header};
 use octree_store::loader::{Camera, TransferFunction, View};
 use serde::Deserialize;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Pixels of a picture, at most.
 const PIXEL_LIMIT: u64 = 4 << 20;
 
-/// The longest that a client may let a picture take, in seconds.
-const SECONDS_LIMIT: f64 = 30.0;
+/// The longest that a client may let a picture take, in seconds. Less than a request may take: it is to come as it is.
+const SECONDS_LIMIT: f64 = 20.0;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -62,7 +63,17 @@ impl Wanted {
         let view =
             View::new(camera, size).map_err(|error| Problem::malformed(error.to_string()))?;
         let at_most = Duration::from_secs_f64(seconds);
-        Ok(RenderRequest { view, transfer, accuracy, step_voxels, at_most })
+        let given_up = Arc::default();
+        Ok(RenderRequest { view, transfer, accuracy, step_voxels, at_most, given_up })
+    }
+}
+
+/// Someone who waits for a picture; gives it up when dropped.
+struct Waiting(Arc<AtomicBool>);
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 
@@ -81,6 +92,7 @@ pub(super) async fn render(
     let permit = Arc::clone(&app.drawing).try_acquire_owned();
     let permit = permit.map_err(|_| Problem::busy("another picture is being drawn"))?;
     let opened = app.opened(&named.dataset);
+    let _waiting = Waiting(Arc::clone(&request.given_up));
     let drawn = tokio::task::spawn_blocking(move || {
         // The permit goes with the work: a client that leaves does not make room for another picture.
         let _permit = permit;

@@ -11,9 +11,6 @@ use octree_store::{Region, Store};
 use serde::Deserialize;
 use std::sync::Arc;
 
-/// Samples of one slice, at most: a larger one is to be asked for at a coarser level.
-const SAMPLE_LIMIT: u64 = 1 << 24;
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Axis {
@@ -47,7 +44,7 @@ pub(super) async fn slice(
     }
     let mut region = Region::whole(dims);
     (region.min[axis], region.max[axis]) = (index, index + 1);
-    if region.voxels() > SAMPLE_LIMIT {
+    if region.voxels() > app.options.limits.slice_samples {
         let detail = format!("{} samples: ask for a coarser level", region.voxels());
         return Err(Problem::too_large(detail));
     }

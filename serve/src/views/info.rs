@@ -1,13 +1,15 @@
 //! What a dataset is, in short and in full.
 
 use crate::catalog::Entry;
+use crate::statistics::widened;
 use octree_store::Metadata;
 use serde_json::{Value, json};
 
-/// The source's range of values, or the type's where the source had no finite one.
+/// The source's range of values, or the type's where the source had no finite one. Its ends differ.
 pub(crate) fn range(metadata: &Metadata) -> [f64; 2] {
     let (least, greatest) = metadata.sample_type.limits();
-    [metadata.value_min.unwrap_or(least), metadata.value_max.unwrap_or(greatest)]
+    let range = [metadata.value_min.unwrap_or(least), metadata.value_max.unwrap_or(greatest)];
+    widened(range, metadata.sample_type)
 }
 
 /// One line of the list of datasets.

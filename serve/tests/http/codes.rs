@@ -195,6 +195,8 @@ fn codes_are_packed_like_other_chunks() {
     let packed = Running::new(Options { compressor: Compressor::Zstd, ..options(folder.path()) });
     let array = packed.get("/zarr2-codes/v/0/codes/.zarray").json();
     assert_eq!(array["compressor"]["id"], "zstd");
+    // Eight bits are enough for every brick.
+    assert_eq!(array["dtype"], "|u1");
     let chunk = "/zarr2-codes/v/0/codes/1/1/2";
     let (a, b) = (plain.get(chunk), packed.get(chunk));
     assert_eq!(zstd::bulk::decompress(&b.body, 1 << 20).unwrap(), a.body);

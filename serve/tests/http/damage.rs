@@ -1,7 +1,7 @@
 //! Damage is told, never hidden, and harms nothing else.
 
-use crate::support::{Running, Volume, damage, frames, noise};
-use octree_store::{Encoding, NodeKey, to_le_bytes};
+use crate::support::{Running, Volume, damage, damage_record, frames, noise};
+use octree_store::{Encoding, NodeKey, NodeRecord, StoreWriter, to_le_bytes};
 use serde_json::json;
 
 #[test]
@@ -79,4 +79,49 @@ fn a_store_that_cannot_be_opened_harms_only_itself() {
     server.get("/v1/junk/info").assert_problem(500);
     server.get("/zarr2/cut/.zattrs").assert_problem(500);
     assert_eq!(server.get("/v1/whole/bricks/0/0/0/0").status, 200);
+}
+
+#[test]
+fn a_record_that_cannot_be_read_is_marked_in_the_list_counted_and_harms_no_other() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("v.octavo");
+    Volume::<u16>::new([40, 24, 24], 8, noise).write(&path, Encoding::Lossless);
+    let address = "/v1/v/nodes?level=0";
+    let before = Running::over(folder.path()).get(address).body;
+    let broken = NodeKey::new(0, [2, 1, 1]);
+    damage_record(&path, broken);
+    let server = Running::over(folder.path());
+    let after = server.get(address);
+    let mut marked = [0; NodeRecord::BYTES];
+    marked[..8].copy_from_slice(&broken.to_u64().to_le_bytes());
+    marked[8] = 255;
+    let records = |bytes: &[u8]| -> Vec<Vec<u8>> {
+        bytes.chunks(NodeRecord::BYTES).map(<[u8]>::to_vec).collect()
+    };
+    let mut found = 0;
+    for (before, after) in records(&before).iter().zip(records(&after.body)) {
+        let is_broken = before[..8] == marked[..8];
+        found += usize::from(is_broken);
+        assert_eq!(after, if is_broken { marked.to_vec() } else { before.clone() });
+    }
+    assert_eq!((found, after.body.len()), (1, before.len()));
+    let list = server.get(&format!("{address}&format=json")).json();
+    let damaged: Vec<_> =
+        list.as_array().unwrap().iter().filter(|node| node["state"] == "damaged").collect();
+    assert_eq!(damaged.len(), 1);
+    assert_eq!(damaged[0]["key"], json!([0, 2, 1, 1]));
+    assert!(damaged[0]["what"].as_str().unwrap().contains("damaged"));
+    let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
+    assert!(metrics.contains("octavo_failures_total 2\n"), "{metrics}");
+}
+
+#[test]
+fn a_store_that_is_still_being_made_is_to_be_asked_for_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, work] = ["v.octavo", "v.work"].map(|name| folder.path().join(name));
+    let _writer = StoreWriter::create(&path, &work, Vec::new()).unwrap();
+    let server = Running::over(folder.path());
+    let reply = server.get("/v1/v/info");
+    reply.assert_problem(503);
+    assert_eq!((reply.header("retry-after"), &reply.json()["title"]), ("1", &json!("incomplete")));
 }

@@ -70,6 +70,7 @@ fn a_token_opens_everything_and_without_it_only_health_is_told() {
         "Bearer ",
         "Bearer correct-horse-battery-stapl",
         "Basic x",
+        &format!("Sealed {TOKEN}"),
         "Bearer correct-horse-battery-staple2",
         TOKEN,
     ] {
@@ -112,6 +113,25 @@ fn a_body_of_ten_gigabytes_is_refused_before_it_comes() {
 }
 
 #[test]
+fn a_body_over_http_2_is_refused_before_it_comes() {
+    let folder = folder();
+    let server = Running::over(folder.path());
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (client, connection) = h2::client::handshake(stream).await.unwrap();
+        tokio::spawn(connection);
+        let uri = format!("http://{}/v1/v/bricks", server.address);
+        let request =
+            http::Request::post(uri).header("content-length", "3000000").body(()).unwrap();
+        let (answer, mut body) =
+            client.ready().await.unwrap().send_request(request, false).unwrap();
+        // It may have been refused already.
+        let _ = body.send_data(bytes::Bytes::from_static(b"{"), false);
+        assert_eq!(answer.await.unwrap().status().as_u16(), 413);
+    });
+}
+
+#[test]
 fn a_list_of_a_hundred_thousand_keys_is_refused() {
     let folder = folder();
     let server = Running::over(folder.path());
@@ -124,6 +144,17 @@ fn a_list_of_a_hundred_thousand_keys_is_refused() {
     server.get("/v1/v/nodes?level=0&count=5000&format=json").assert_problem(413);
     assert_eq!(server.get("/v1/v/nodes?level=0&count=5000").status, 200);
     assert_eq!(server.post("/v1/v/bricks", &json!({"keys": keys[..1000]}).to_string()).status, 200);
+}
+
+#[test]
+fn a_slice_of_too_many_samples_is_refused() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.slice_samples = 100;
+    let server = Running::new(options);
+    server.get("/v1/v/slices/z/0").assert_problem(413);
+    assert_eq!(server.get("/v1/v/slices/x/0").body.len(), 2 * 81);
+    assert_eq!(server.get("/v1/v/slices/z/0?level=1").body.len(), 2 * 50);
 }
 
 #[test]
@@ -442,16 +473,23 @@ fn connections_over_the_limit_are_told_to_come_again() {
         assert!(began.elapsed() < Duration::from_secs(20), "room that was given back is not used");
         std::thread::sleep(Duration::from_millis(20));
     }
+    let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
+    let refused = "octavo_refused_connections_total ";
+    let refused = metrics.lines().find_map(|line| line.strip_prefix(refused)).unwrap();
+    assert!(refused.parse::<u32>().unwrap() > 0);
 }
 
 #[test]
 fn heads_that_are_too_long_and_requests_that_are_none_are_refused() {
     let folder = folder();
     let server = Running::over(folder.path());
-    let mut stream = connect(&server);
-    let _ = write!(stream, "GET / HTTP/1.1\r\nhost: a\r\nx-long: {}\r\n\r\n", "a".repeat(100_000));
-    let said = rest(stream);
-    assert!(said.is_empty() || said.starts_with("HTTP/1.1 431"), "{said}");
+    for length in [17_000, 100_000] {
+        let mut stream = connect(&server);
+        let long = "a".repeat(length);
+        let _ = write!(stream, "GET / HTTP/1.1\r\nhost: a\r\nx-long: {long}\r\n\r\n");
+        let said = rest(stream);
+        assert!(said.is_empty() || said.starts_with("HTTP/1.1 431"), "{said}");
+    }
     for junk in [
         "\r\n\r\n\r\n",
         "GET\r\n\r\n",
@@ -495,7 +533,17 @@ fn work_that_waits_is_bounded_and_the_rest_told_to_come_again() {
     });
     let statuses = statuses.into_inner().unwrap();
     assert!(statuses.contains(&200) && statuses.contains(&503), "{statuses:?}");
-    assert_eq!(server.get("/v1/v/bricks/0/0/0/0").status, 200);
+    // One that is at work and one that waits are never too many, however often.
+    std::thread::scope(|scope| {
+        for i in 0..2 {
+            let server = &server;
+            scope.spawn(move || {
+                for _ in 0..24 {
+                    assert_eq!(server.get(&format!("/v1/v/bricks/0/{i}/0/0")).status, 200);
+                }
+            });
+        }
+    });
 }
 
 #[test]
@@ -542,4 +590,129 @@ fn connections_that_ask_nothing_do_not_delay_the_end() {
     let began = Instant::now();
     server.stop();
     assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+}
+
+#[test]
+fn a_client_that_takes_nothing_delays_the_end_by_no_more_than_was_said() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.drain_time = Duration::from_millis(300);
+    let mut server = Running::new(options);
+    let keys = r#"{"keys":[[0,0,0,0],[0,1,0,0]]}"#;
+    let runtime = runtime();
+    let _kept = runtime.block_on(ask_and_take_nothing(&server, "POST", "/v1/v/bricks", keys, 1));
+    let began = Instant::now();
+    server.stop();
+    assert!(began.elapsed() < Duration::from_secs(10), "{:?}", began.elapsed());
+}
+
+#[test]
+fn a_stream_ends_when_its_time_is_over_and_says_so_by_its_length() {
+    let folder = folder();
+    let mut options = options(folder.path());
+    options.limits.stream_time = Duration::ZERO;
+    let server = Running::new(options);
+    let reply = server.post("/v1/v/bricks", r#"{"keys":[[0,0,0,0],[0,1,0,0]]}"#);
+    assert_eq!(reply.status, 200);
+    assert!(reply.body.len() < 16 + 2 * 32, "frames came after the time");
+}
+
+#[test]
+fn kept_answers_have_bounded_room() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 8, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    options.cache_bytes = 100_000;
+    let server = Running::new(options);
+    for x in 0..8 {
+        for y in 0..8 {
+            let address = format!("/v1/v/bricks/0/{x}/{y}/0");
+            assert_eq!(server.get(&address).body.len(), 2 * 12 * 12 * 12);
+        }
+    }
+    let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
+    let kept = metrics.lines().find_map(|line| line.strip_prefix("octavo_cache_bytes ")).unwrap();
+    let kept: u64 = kept.parse().unwrap();
+    assert!((10_000..=100_000).contains(&kept), "{kept}");
+    assert!(metrics.contains("octavo_cache_misses_total 64\n"), "{metrics}");
+}
+
+#[test]
+fn one_http_2_connection_has_few_requests_at_once_and_short_heads() {
+    let folder = folder();
+    let server = Running::over(folder.path());
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (client, connection) = h2::client::handshake(stream).await.unwrap();
+        tokio::spawn(connection);
+        let ask = |long: String| {
+            let uri = format!("http://{}{BRICK}", server.address);
+            http::Request::get(uri).header("x-long", long).body(()).unwrap()
+        };
+        let mut client = client.ready().await.unwrap();
+        let (answer, _) = client.send_request(ask(String::new()), true).unwrap();
+        assert_eq!(answer.await.unwrap().status().as_u16(), 200);
+        assert_eq!(client.current_max_send_streams(), 64);
+        // Answered by 431, or by the end of the connection.
+        let mut client = client.ready().await.unwrap();
+        let status = match client.send_request(ask("a".repeat(100_000)), true) {
+            Ok((answer, _)) => answer.await.map_or(431, |answer| answer.status().as_u16()),
+            Err(_) => 431,
+        };
+        assert_eq!(status, 431, "a head of 100 kB was read");
+    });
+}
+
+#[test]
+fn bodies_of_no_stated_length_count_as_long_and_short_ones_as_a_request() {
+    let folder = folder();
+    for (head, length) in
+        [("content-length: 100", 64 << 10), ("transfer-encoding: chunked", 1 << 20)]
+    {
+        let mut options = options(folder.path());
+        options.limits.all_body_bytes = 3 * length;
+        let server = Running::new(options);
+        let begin = || {
+            let mut stream = connect(&server);
+            write!(stream, "POST /v1/v/bricks HTTP/1.1\r\nhost: a\r\n{head}\r\n\r\n").unwrap();
+            stream
+        };
+        let held = [begin(), begin(), begin()];
+        std::thread::sleep(Duration::from_millis(200));
+        server.post("/v1/v/bricks", r#"{"keys":[]}"#).assert_problem(503);
+        drop(held);
+        let began = Instant::now();
+        while server.post("/v1/v/bricks", r#"{"keys":[]}"#).status != 200 {
+            assert!(began.elapsed() < Duration::from_secs(20), "{head}: room is not given back");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+#[test]
+fn a_long_answer_may_take_longer_than_a_client_may_stall() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u16>::new([64, 64, 64], 64, noise)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let mut options = options(folder.path());
+    options.limits.stall_time = Duration::from_millis(400);
+    let server = Running::new(options);
+    runtime().block_on(async {
+        let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+        let (client, connection) = h2::client::handshake(stream).await.unwrap();
+        tokio::spawn(connection);
+        let uri = format!("http://{}/v1/v/bricks/0/0/0/0", server.address);
+        let request = http::Request::get(uri).body(()).unwrap();
+        let (answer, _) = client.ready().await.unwrap().send_request(request, true).unwrap();
+        let (mut body, mut length) = (answer.await.unwrap().into_body(), 0);
+        // About 300 KiB a second, for two seconds.
+        while let Some(part) = body.data().await {
+            let part = part.expect("it is taken fast enough");
+            length += part.len();
+            tokio::time::sleep(Duration::from_secs_f64(part.len() as f64 / 300e3)).await;
+            body.flow_control().release_capacity(part.len()).unwrap();
+        }
+        assert_eq!(length, 2 * 68 * 68 * 68);
+    });
 }

@@ -2,6 +2,7 @@
 
 use crate::support::{Running, Volume, noise};
 use octree_store::Encoding;
+use std::io::{Read, Write};
 
 const BRICK: &str = "/v1/v/bricks/0/1/0/0";
 
@@ -32,6 +33,39 @@ fn who_has_it_already_hears_so() {
         assert_eq!(server.get_with(path, &[("if-none-match", "\"other\"")]).status, 200);
         assert_eq!(server.get_with(path, &[("if-match", tag)]).status, 200);
         server.get_with(path, &[("if-match", "\"other\"")]).assert_problem(412);
+    }
+}
+
+#[test]
+fn if_match_comes_first_and_lists_may_come_in_lines() {
+    let (server, _folder) = serve();
+    for path in [BRICK, "/v1/v/info", "/v1/v/slices/z/3"] {
+        let tag = server.get(path).header("etag").to_owned();
+        let both = [("if-match", "\"other\""), ("if-none-match", tag.as_str())];
+        server.get_with(path, &both).assert_problem(412);
+        let lines = [("if-match", "\"other\""), ("if-match", tag.as_str())];
+        assert_eq!(server.get_with(path, &lines).status, 200, "{path}");
+        let lines = [("if-none-match", "\"other\""), ("if-none-match", tag.as_str())];
+        assert_eq!(server.get_with(path, &lines).status, 304, "{path}");
+        // A weak tag is none that If-Match takes.
+        server.get_with(path, &[("if-match", &format!("W/{tag}"))]).assert_problem(412);
+    }
+}
+
+#[test]
+fn a_request_of_http_1_1_has_one_host() {
+    let (server, _folder) = serve();
+    let said = |head: &str| {
+        let mut stream = std::net::TcpStream::connect(server.address).unwrap();
+        write!(stream, "GET /readyz {head}\r\nconnection: close\r\n\r\n").unwrap();
+        std::io::read_to_string(stream).unwrap()
+    };
+    assert!(said("HTTP/1.1\r\nhost: a").starts_with("HTTP/1.1 200"));
+    assert!(said("HTTP/1.0").starts_with("HTTP/1.0 200"));
+    for head in ["HTTP/1.1", "HTTP/1.1\r\nhost: a\r\nhost: b"] {
+        let said = said(head);
+        assert!(said.starts_with("HTTP/1.1 400") && said.contains("one Host"), "{said}");
+        assert!(said.contains("access-control-allow-origin: *"), "{said}");
     }
 }
 
@@ -113,6 +147,32 @@ fn head_says_what_get_would() {
 }
 
 #[test]
+fn head_has_no_ranges_and_a_document_s_are_parts_of_the_plain_one() {
+    let (server, _folder) = serve();
+    let whole = server.get(BRICK).body.len().to_string();
+    let head = server.send("HEAD", BRICK, &[("range", "bytes=0-3")], None);
+    assert_eq!((head.status, head.header("content-length")), (200, whole.as_str()));
+    let plain = server.get_with("/v1/v/info", &[("accept-encoding", "identity")]);
+    let headers = [("accept-encoding", "gzip, zstd"), ("range", "bytes=2-9")];
+    let part = server.get_with("/v1/v/info", &headers);
+    assert_eq!((part.status, part.header("content-encoding")), (206, ""));
+    assert_eq!((part.header("etag"), &part.body[..]), (plain.header("etag"), &plain.body[2..10]));
+}
+
+#[test]
+fn the_page_lets_nothing_in_from_elsewhere() {
+    let (server, _folder) = serve();
+    for path in ["/", "/page/app.js", "/page/style.css"] {
+        let reply = server.get(path);
+        let policy = reply.header("content-security-policy");
+        assert!(policy.starts_with("default-src 'none'; script-src 'self'"), "{policy}");
+        assert!(policy.contains("frame-ancestors 'none'"), "{policy}");
+        assert_eq!(reply.header("x-content-type-options"), "nosniff");
+        assert_eq!(reply.header("referrer-policy"), "no-referrer");
+    }
+}
+
+#[test]
 fn every_origin_may_ask_and_read() {
     let (server, _folder) = serve();
     let preflight = server.send(
@@ -183,6 +243,17 @@ fn documents_are_packed_where_it_pays_and_bricks_are_not() {
             assert_eq!(zstd::bulk::decompress(&packed.body, 1 << 20).unwrap(), plain.body);
         }
     }
+    // A list may come in lines, and a weight's name in either case.
+    let lines = [("accept-encoding", "br"), ("accept-encoding", "zstd; Q=0, gzip")];
+    let packed = server.get_with("/v1/v/info", &lines);
+    assert_eq!(packed.header("content-encoding"), "gzip");
+    let mut unpacked = Vec::new();
+    flate2::read::GzDecoder::new(&*packed.body).read_to_end(&mut unpacked).unwrap();
+    assert_eq!(unpacked, plain.body);
+    // One packet carries it either way.
+    let small = server.get_with("/zarr3/v/0/zarr.json", &[("accept-encoding", "gzip, zstd")]);
+    assert_eq!(small.header("content-encoding"), "");
+    assert!((300..1024).contains(&small.body.len()), "{}", small.body.len());
     let brick = server.get_with(BRICK, &[("accept-encoding", "gzip, zstd")]);
     assert_eq!(brick.header("content-encoding"), "");
     assert_eq!(plain.header("content-encoding"), "");
@@ -226,12 +297,15 @@ fn the_server_says_that_it_lives_and_what_it_did() {
     let (server, _folder) = serve();
     server.get(BRICK);
     server.get(BRICK);
+    server.send("BREW", BRICK, &[], None).assert_problem(405);
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(server.get("/readyz").status, 200);
     let metrics = String::from_utf8(server.get("/metrics").body).unwrap();
     let route = "octavo_answers_total{route=\"/v1/{dataset}/bricks/{level}/{x}/{y}/{z}\",method=\"GET\",status=\"200\"} 2";
     assert!(metrics.contains(route), "{metrics}");
-    assert!(metrics.contains("octavo_cache_hits 1\n"), "{metrics}");
+    assert!(metrics.contains("octavo_cache_hits_total 1\n"), "{metrics}");
+    // Clients cannot make series.
+    assert!(metrics.contains("method=\"other\",status=\"405\"} 1") && !metrics.contains("BREW"));
     assert!(metrics.ends_with("# EOF\n"));
 }
 

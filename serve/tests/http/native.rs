@@ -1,8 +1,9 @@
 //! The native addresses against the store itself.
 
-use crate::support::{Running, Volume, frames, noise};
+use crate::support::{Reply, Running, Volume, frames, noise};
 use octree_store::loader::{
-    Appearance, Camera, LeafKind, Quality, Scene, StoreNodes, TransferFunction, View, select_cut,
+    Appearance, Camera, ClipBox, CutLeaf, LeafKind, Quality, Scene, StoreNodes, TransferFunction,
+    View, select_cut,
 };
 use octree_store::{Encoding, NodeKey, NodeRecord, Store, to_le_bytes};
 use serde_json::json;
@@ -101,6 +102,7 @@ fn node_records_come_by_range_as_bytes_and_as_json() {
         assert_eq!(all.body, bytes);
         assert_eq!(all.header("x-octavo-nodes"), expected.len().to_string());
         let part = server.get(&format!("/v1/noise/nodes?level={level}&first=3&count=5"));
+        assert_eq!(part.header("x-octavo-nodes"), expected.len().to_string());
         let from = (3 * NodeRecord::BYTES).min(bytes.len());
         assert_eq!(part.body, bytes[from..(8 * NodeRecord::BYTES).min(bytes.len())]);
         let json = server.get(&format!("/v1/noise/nodes?level={level}&format=json")).json();
@@ -120,6 +122,8 @@ fn many_bricks_come_in_the_order_of_the_list() {
     keys.reverse();
     keys.insert(2, [0, 99, 0, 0]);
     keys.push([77, u64::MAX, 0, 0]);
+    // No level's number is taken for another's.
+    keys.extend([[64, 0, 0, 0], [256, 0, 0, 0], [1 << 32, 0, 0, 0]]);
     let reply = server.post("/v1/noise/bricks", &json!({"keys": keys}).to_string());
     assert_eq!(reply.status, 200);
     let frames = frames(&reply.body);
@@ -203,9 +207,88 @@ fn a_cut_is_the_loader_s_and_brings_what_the_client_lacks() {
     assert_eq!(second[0].body.len(), leaves.body.len());
 }
 
+/// What a cut's first frame says: whether the budget made it coarser, and of each leaf key, kind, whether it is held, and
+/// pixels of a voxel.
+fn leaves(reply: &Reply) -> (bool, Vec<(u64, u8, u8, f32)>) {
+    assert_eq!(reply.status, 200, "{}", String::from_utf8_lossy(&reply.body));
+    let first = frames(&reply.body).swap_remove(0);
+    let leaves: Vec<_> = first
+        .body
+        .chunks_exact(16)
+        .map(|leaf| {
+            let key = u64::from_le_bytes(leaf[..8].try_into().unwrap());
+            (key, leaf[8], leaf[9], f32::from_le_bytes(leaf[12..].try_into().unwrap()))
+        })
+        .collect();
+    assert_eq!(first.numbers[0], leaves.len() as f64);
+    (first.numbers[1] != 0.0, leaves)
+}
+
+#[test]
+fn a_cut_heeds_all_that_is_asked() {
+    let Served { store, server, _folder, .. } = serve(Encoding::Quantised8);
+    let camera: Camera = serde_json::from_str(CAMERA).unwrap();
+    let views = [View::new(camera, [90, 60]).unwrap()];
+    let clip = ClipBox::new([1.0, 2.0, 3.0], [12.0, 30.0, 50.0]).unwrap();
+    let everything = Appearance::Everything;
+    let mut cuts = Vec::new();
+    for (more, accuracy, appearance, clip, budget) in [
+        (r#""accuracy":1"#, 1.0, everything.clone(), None, 4096),
+        (r#""accuracy":9"#, 9.0, everything.clone(), None, 4096),
+        (r#""isovalue":3"#, 1.0, Appearance::Isovalue(3.0), None, 4096),
+        (r#""budget_bricks":20"#, 1.0, everything.clone(), None, 20),
+        (r#""clip":{"min":[1,2,3],"max":[12,30,50]}"#, 1.0, everything.clone(), Some(clip), 4096),
+    ] {
+        let quality = Quality { accuracy, ..Quality::default() };
+        let scene = Scene { views: &views, clip, appearance: &appearance, quality };
+        let expected = select_cut(&mut StoreNodes::new(&store), &scene, budget);
+        let kind = |leaf: LeafKind| match leaf {
+            LeafKind::Brick => 1,
+            LeafKind::Uniform => 2,
+            LeafKind::Empty => 3,
+            LeafKind::OutOfView => 4,
+            LeafKind::Damaged => 5,
+        };
+        let body = format!(r#"{{"cameras":[{CAMERA}],"size":[90,60],{more}}}"#);
+        let found = leaves(&server.post("/v1/noise/cut", &body));
+        let told = |leaf: &CutLeaf| (leaf.key.to_u64(), kind(leaf.kind), 0, leaf.voxel_pixels);
+        assert_eq!(found, (expected.limited, expected.leaves.iter().map(told).collect()), "{more}");
+        assert!(!cuts.contains(&found), "{more} changes nothing here");
+        cuts.push(found);
+    }
+    assert!(cuts[3].0 && !cuts[0].0, "only the budget limits");
+    let held = json!([0, 1, 2, 3].map(|at| {
+        list(
+            NodeKey::from_u64(cuts[0].1.iter().filter(|leaf| leaf.1 == 1).nth(at).unwrap().0)
+                .unwrap(),
+        )
+    }));
+    let body = format!(r#"{{"cameras":[{CAMERA}],"size":[90,60],"have":{held}}}"#);
+    let (_, again) = leaves(&server.post("/v1/noise/cut", &body));
+    let mut counted = 0;
+    for (before, after) in cuts[0].1.iter().zip(&again) {
+        let key = json!(list(NodeKey::from_u64(after.0).unwrap()));
+        let held = u8::from(held.as_array().unwrap().contains(&key));
+        assert_eq!(*after, (before.0, before.1, held, before.3));
+        counted += held;
+    }
+    assert_eq!(counted, 4);
+}
+
+#[test]
+fn frames_of_codes_say_what_makes_values_of_them() {
+    let Served { store, server, _folder, .. } = serve(Encoding::Quantised8);
+    let reply = server.post("/v1/noise/bricks?form=codes", r#"{"keys":[[0,5,4,3],[0,0,0,0]]}"#);
+    let [coded, uniform] = frames(&reply.body).try_into().unwrap();
+    let map = store.value_map(&store.node(NodeKey::new(0, [5, 4, 3])).unwrap()).unwrap();
+    assert_eq!((coded.kind, coded.numbers), (1, [map.offset, map.scale]));
+    assert_eq!((uniform.kind, uniform.numbers, uniform.body.len()), (2, [7.0; 2], 0));
+}
+
 #[test]
 fn slices_are_the_volume_s() {
     let Served { volume, server, _folder, .. } = serve(Encoding::Lossless);
+    let mut tags = HashSet::new();
     for level in volume.geometry.levels() {
         let dims = volume.geometry.dims_at(level);
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
@@ -216,8 +299,16 @@ fn slices_are_the_volume_s() {
                 .map(|place| volume.at(level, place))
                 .collect();
             assert_eq!(reply.body, to_le_bytes(&expected));
+            let sides: Vec<String> =
+                (0..3).filter(|a| *a != axis).map(|a| dims[a].to_string()).collect();
+            assert_eq!(reply.header("x-octavo-dims"), sides.join(","));
+            assert!(tags.insert(reply.header("etag").to_owned()), "{name} {at} of level {level}");
         }
     }
+    // One above another: the same place of two levels is not the same slice.
+    let tag = server.get("/v1/noise/slices/x/1?level=0").header("etag").to_owned();
+    let other = server.get_with("/v1/noise/slices/x/1?level=1", &[("if-none-match", &tag)]);
+    assert_eq!(other.status, 200);
 }
 
 #[test]
@@ -231,5 +322,6 @@ fn the_list_and_the_metadata_are_the_store_s() {
     assert_eq!(info["digest"], store.metadata().digest);
     let statistics = server.get("/v1/noise/statistics").json();
     let counts = statistics["counts"].as_array().unwrap();
+    assert!(counts[0] != 0 && counts[255] != 0 && counts.len() == 256, "the ends are values");
     assert_eq!(counts.iter().map(|n| n.as_u64().unwrap()).sum::<u64>(), 45 * 37 * 29);
 }

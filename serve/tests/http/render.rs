@@ -2,10 +2,13 @@
 
 use crate::support::{Running, Volume, noise, options};
 use octree_store::{Encoding, Store};
-use serve::{Picture, RenderError, RenderRequest, Renderer};
+use serve::{Options, Picture, RenderError, RenderRequest, Renderer};
+use std::io::Write;
+use std::net::TcpStream;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const CAMERA: &str = r#"{"projection":"orthographic","position":[1,1,-9],"target":[1,1,1],"up":[0,-1,0],"height":9}"#;
 
@@ -36,12 +39,18 @@ struct Bench {
 }
 
 fn bench() -> Bench {
+    bench_with(|_| {})
+}
+
+fn bench_with(change: impl FnOnce(&mut Options)) -> Bench {
     let folder = tempfile::tempdir().unwrap();
     Volume::<u16>::new([20, 9, 9], 8, noise)
         .write(&folder.path().join("v.octavo"), Encoding::Lossless);
     let ((tell, asked), (go, told)) = (sync_channel(4), sync_channel(4));
     let renderer = Told { asked: Mutex::new(tell), go: Mutex::new(told) };
-    let server = Running::drawing(options(folder.path()), Some(Arc::new(renderer)));
+    let mut options = options(folder.path());
+    change(&mut options);
+    let server = Running::drawing(options, Some(Arc::new(renderer)));
     Bench { _folder: folder, server, asked, go }
 }
 
@@ -97,6 +106,37 @@ fn one_picture_is_drawn_at_a_time_and_bricks_are_served_meanwhile() {
 }
 
 #[test]
+fn a_picture_that_nobody_waits_for_is_given_up() {
+    let given_up = |request: &RenderRequest| {
+        let began = Instant::now();
+        while !request.given_up.load(Ordering::Relaxed) {
+            assert!(began.elapsed() < Duration::from_secs(20), "it is still wanted");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    let Bench { server, asked, go, .. } = &bench();
+    let mut stream = TcpStream::connect(server.address).unwrap();
+    let body = body("");
+    write!(
+        stream,
+        "POST /v1/v/render HTTP/1.1\r\nhost: a\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    )
+    .unwrap();
+    let request = asked.recv().unwrap();
+    assert!(!request.given_up.load(Ordering::Relaxed));
+    drop(stream);
+    given_up(&request);
+    go.send(Ok(picture("late", true))).unwrap();
+
+    let limits = |options: &mut Options| options.limits.request_time = Duration::from_millis(200);
+    let Bench { server, asked, go, .. } = &bench_with(limits);
+    server.post("/v1/v/render", &body).assert_problem(408);
+    given_up(&asked.recv().unwrap());
+    go.send(Ok(picture("late", true))).unwrap();
+}
+
+#[test]
 fn a_renderer_that_fails_or_panics_harms_one_request() {
     let Bench { server, go, .. } = &bench();
     go.send(Err(RenderError("the device is lost".into()))).unwrap();
@@ -115,7 +155,7 @@ fn pictures_that_cannot_be_are_refused_before_anything_is_drawn() {
         (r#","accuracy":1e300"#, "[7,5]"),
         (r#","step":0.01"#, "[7,5]"),
         (r#","step":-1"#, "[7,5]"),
-        (r#","seconds":31"#, "[7,5]"),
+        (r#","seconds":20.5"#, "[7,5]"),
         (r#","seconds":-1"#, "[7,5]"),
         (r#","speed":1"#, "[7,5]"),
         (r#","transfer":{"points":[]}"#, "[7,5]"),

@@ -43,6 +43,29 @@ fn stores_are_added_replaced_and_removed_without_a_restart() {
     server.get(&format!("/v1/{pinned}/info")).assert_problem(404);
     std::fs::remove_file(folder.path().join("v.octavo")).unwrap();
     eventually("it was removed", || server.get(brick).status == 404);
+    eventually("its file is closed", || open_files(folder.path()) == 0);
+}
+
+#[test]
+fn a_store_that_was_written_over_is_not_taken_for_the_old_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let aside = tempfile::tempdir().unwrap();
+    let [path, other] = [folder.path(), aside.path()].map(|folder| folder.join("v.octavo"));
+    let first = Volume::<u16>::new([20, 9, 9], 8, noise);
+    let second = Volume::<u16>::new([20, 9, 9], 8, |[x, y, z]| noise([x + 100, y, z]));
+    first.write(&path, Encoding::Quantised8);
+    second.write(&other, Encoding::Quantised8);
+    let bytes = std::fs::read(other).unwrap();
+    let server = Running::over(folder.path());
+    let digest = |server: &Running| server.get("/v1/v/info").json()["digest"].clone();
+    let before = digest(&server);
+    // The same file, and as long as it was.
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), bytes.len() as u64);
+    std::fs::write(&path, bytes).unwrap();
+    eventually("it was replaced", || {
+        let reply = server.get("/v1/v/info");
+        reply.status == 200 && reply.json()["digest"] != before
+    });
 }
 
 #[test]

@@ -246,6 +246,7 @@ impl Reply {
         assert_eq!(self.status, status, "{}", String::from_utf8_lossy(&self.body));
         assert_eq!(self.header("content-type"), "application/problem+json");
         assert_eq!(self.header("access-control-allow-origin"), "*");
+        assert_eq!(self.header("cache-control"), "no-store");
         assert_eq!(self.json()["status"], status);
     }
 }

@@ -258,23 +258,46 @@ fn compressed_chunks_unpack_to_the_same_bytes() {
 fn windows_are_robust_and_units_spelled_out() {
     let folder = tempfile::tempdir().unwrap();
     // One hot voxel among 23,000 must not stretch the window.
-    let value = |[x, y, z]: [u64; 3]| {
-        if [x, y, z] == [1, 1, 1] { 60_000.0 } else { 100.0 + (x % 11) as f64 }
+    let value = |[x, y, z]: [u64; 3]| match [x, y, z] {
+        [1, 1, 1] => 60_000.0,
+        [2, 1, 1] => 3.0,
+        _ => 100.0 + (x % 11) as f64,
     };
     Volume::<u16>::new([40, 24, 24], 8, value)
         .write(&folder.path().join("v.octavo"), Encoding::Lossless);
     let server = Running::over(folder.path());
     let attributes = server.get("/zarr2/v/.zattrs").json();
     let window = &attributes["omero"]["channels"][0]["window"];
-    assert_eq!(*window, json!({"min": 100.0, "max": 60000.0, "start": 100.0, "end": 110.0}));
+    assert_eq!(*window, json!({"min": 3.0, "max": 60000.0, "start": 100.0, "end": 110.0}));
     assert_eq!(
         attributes["multiscales"][0]["axes"][0],
         json!({"name": "z", "type": "space", "unit": "millimeter"})
     );
     assert_eq!(attributes["multiscales"][0]["version"], "0.4");
+    // One value everywhere still has a window, and ends that hold it.
+    for (value, ends) in [(777.0, [777.0, 778.0]), (65_535.0, [32_767.5, 65_535.0])] {
+        let volume = Volume::<u16>::new([9, 9, 9], 8, |_| value);
+        let folder = tempfile::tempdir().unwrap();
+        volume.write(&folder.path().join("flat.octavo"), Encoding::Lossless);
+        let attributes = Running::over(folder.path()).get("/zarr2/flat/.zattrs").json();
+        let [low, high] = ends;
+        assert_eq!(
+            attributes["omero"]["channels"][0]["window"],
+            json!({"min": low, "max": high, "start": low, "end": high})
+        );
+    }
     let group = server.get("/zarr3-5d/v/zarr.json").json();
     let ome = &group["attributes"]["ome"];
     assert_eq!(ome["version"], "0.5");
+    for (level, dataset) in (0_i32..).zip(ome["multiscales"][0]["datasets"].as_array().unwrap()) {
+        let transforms = &dataset["coordinateTransformations"];
+        let [scale, shift] = [2_f64.powi(level), (2_f64.powi(level) - 1.0) / 2.0];
+        let zyx = |times: f64| [2.0 * times, times, 0.5 * times];
+        let [z, y, x] = zyx(scale);
+        assert_eq!(transforms[0]["scale"], json!([1.0, 1.0, z, y, x]));
+        let [z, y, x] = zyx(shift);
+        assert_eq!(transforms[1]["translation"], json!([0.0, 0.0, z, y, x]));
+    }
     let names: Vec<&str> = ome["multiscales"][0]["axes"]
         .as_array()
         .unwrap()
@@ -282,4 +305,26 @@ fn windows_are_robust_and_units_spelled_out() {
         .map(|a| a["name"].as_str().unwrap())
         .collect();
     assert_eq!(names, ["t", "c", "z", "y", "x"]);
+}
+
+#[test]
+fn the_range_that_a_link_shows_is_that_of_the_samples_that_come() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<i16>::new([20, 9, 9], 8, |[x, ..]| x as f64 - 5.0)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let options = serve::Options { bind: ([127, 0, 0, 1], 0).into(), ..options(folder.path()) };
+    let server = runtime.block_on(serve::Server::bind(options, None)).unwrap();
+    assert_eq!(server.datasets(), [("v".to_owned(), Ok([32_763.0, 32_782.0]))]);
+}
+
+#[test]
+fn large_volumes_are_summed_up_at_a_level_that_is_small() {
+    let folder = tempfile::tempdir().unwrap();
+    Volume::<u8>::new([128, 128, 66], 32, |place| noise(place) % 256.0)
+        .write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    let statistics = Running::over(folder.path()).get("/v1/v/statistics").json();
+    assert_eq!(statistics["level"], 1);
+    let counts = statistics["counts"].as_array().unwrap();
+    assert_eq!(counts.iter().map(|n| n.as_u64().unwrap()).sum::<u64>(), 64 * 64 * 33);
 }

@@ -9,6 +9,7 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use octree_store::StoreError;
 use pictures::Pictures;
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use serve::{Compressor, Options, ServeError, Server, Token, neuroglancer_link};
 use std::future::Future;
 use std::io::{self, Write};
@@ -77,8 +78,10 @@ impl Serve {
         for store in &self.stores {
             std::fs::metadata(store).map_err(|source| unreadable(store, source))?;
         }
-        let options = self.options()?;
+        let mut options = self.options()?;
         self.log();
+        let limits = &mut options.limits;
+        limits.connections = room_for(limits.connections, limits.open_stores);
         // Half the processors move bytes: bricks are decoded on threads of their own, and clients near by want a processor too.
         let movers = std::thread::available_parallelism().map_or(1, |all| all.get().div_ceil(2));
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -129,7 +132,8 @@ impl Serve {
     /// Events as lines of JSON on standard error: what goes wrong, and requests where they are wanted.
     fn log(&self) {
         let access = tracing::Level::INFO;
-        let mut targets = Targets::new().with_target("serve", tracing::Level::WARN);
+        let warning = tracing::Level::WARN;
+        let mut targets = Targets::new().with_targets([("octavo", warning), ("serve", warning)]);
         if self.access_log {
             targets = targets.with_target("octavo::access", access);
         }
@@ -143,6 +147,24 @@ impl Serve {
     }
 }
 
+/// Files that the server may have open beside connections and stores.
+const OTHER_FILES: usize = 64;
+
+/// How many connections of so many the system lets it have open beside its stores: without files to spare it could look
+/// at no folder and open no store.
+fn room_for(connections: usize, open_stores: usize) -> usize {
+    let all = getrlimit(Resource::Nofile).maximum;
+    // Shells mostly give a part of what they may.
+    let _ = setrlimit(Resource::Nofile, Rlimit { current: all, maximum: all });
+    let Some(files) = getrlimit(Resource::Nofile).current else { return connections };
+    let files = usize::try_from(files).unwrap_or(usize::MAX);
+    let room = files.saturating_sub(open_stores + OTHER_FILES).max(1);
+    if room < connections {
+        tracing::warn!(connections = room, files, "fewer connections: so many files may be open");
+    }
+    connections.min(room)
+}
+
 /// The error for a file that was named and cannot be read.
 fn unreadable(path: &Path, source: io::Error) -> StoreError {
     StoreError::Io { path: path.to_owned(), source }
@@ -154,9 +176,11 @@ fn announce(server: &Server) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{base}/")?;
     for (name, state) in server.datasets() {
+        // A line a dataset, whatever a file is called.
+        let shown = name.replace(char::is_control, "\u{fffd}");
         match state {
-            Ok(range) => writeln!(out, "{name}: {}", neuroglancer_link(&base, &name, range))?,
-            Err(problem) => writeln!(out, "{name}: {problem}")?,
+            Ok(range) => writeln!(out, "{shown}: {}", neuroglancer_link(&base, &name, range))?,
+            Err(problem) => writeln!(out, "{shown}: {problem}")?,
         }
     }
     out.flush()

@@ -8,7 +8,7 @@ use render_check::picture::{Bits, write_png};
 use render_check::view::Look;
 use render_check::{Renderer, RendererOptions};
 use serve::{Picture, RenderError, RenderRequest};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Stores whose renderers are kept.
 const KEPT: usize = 2;
@@ -50,7 +50,7 @@ impl Pictures {
     fn draw(&self, store: &Store, request: &RenderRequest) -> anyhow::Result<Picture> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let digest = &store.metadata().digest;
-        // Taken out while it draws: one that panics is not used again.
+        // Taken out while it draws: one that panics or fails is not used again.
         let mut own = match kept.iter().position(|kept| kept.digest == *digest) {
             Some(at) => kept.remove(at),
             None => self.open(store)?,
@@ -62,13 +62,17 @@ impl Pictures {
             ..Look::new(transfer, own.range)
         };
         let at_most = Some(request.at_most);
-        let rendered = own.renderer.converge(&request.view, &look, None, at_most)?;
+        own.renderer.stop_on(Arc::clone(&request.given_up));
+        let rendered = own.renderer.converge(&request.view, &look, None, at_most);
+        if matches!(rendered, Ok(_) | Err(render_check::RenderError::Stopped)) {
+            if kept.len() == KEPT {
+                kept.remove(0);
+            }
+            kept.push(own);
+        }
+        let rendered = rendered?;
         let mut bytes = Vec::new();
         write_png(&mut bytes, &rendered.picture.over([0.0; 3]), Bits::Eight, "{}")?;
-        if kept.len() == KEPT {
-            kept.remove(0);
-        }
-        kept.push(own);
         Ok(Picture { bytes, content_type: "image/png", converged: rendered.converged })
     }
 }
