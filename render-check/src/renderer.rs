@@ -230,6 +230,9 @@ impl Renderer {
         loop {
             let mut rendered = self.frame(view, look, ends)?;
             problems.append(&mut rendered.problems);
+            if !rendered.converged && self.stop.load(Ordering::Relaxed) {
+                return Err(RenderError::Stopped);
+            }
             if rendered.converged || late() {
                 return Ok(Rendered { problems, ..rendered });
             }

@@ -70,7 +70,7 @@ fn a_device_gives_up_a_picture_that_nobody_waits_for_and_draws_the_next() {
     let [(_, look), _] = looks();
     let view = perspective(&made, [0.3, -0.5, -1.0], 150.0, [96, 80]);
     renderer.stop_on(Arc::new(AtomicBool::new(true)));
-    let given_up = renderer.converge(&view, &look, None, None);
+    let given_up = renderer.converge(&view, &look, None, None).map(drop);
     assert!(matches!(given_up, Err(RenderError::Stopped)), "{given_up:?}");
     renderer.stop_on(Arc::default());
     assert!(renderer.converge(&view, &look, None, None).unwrap().converged);

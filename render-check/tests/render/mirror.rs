@@ -41,7 +41,7 @@ fn a_picture_that_nobody_waits_for_is_given_up_and_the_next_is_drawn() {
         let options = RendererOptions { visibility, ..RendererOptions::default() };
         let mut renderer = made.renderer(&options);
         renderer.stop_on(Arc::new(AtomicBool::new(true)));
-        let given_up = renderer.converge(&view, &look, None, None);
+        let given_up = renderer.converge(&view, &look, None, None).map(drop);
         assert!(matches!(given_up, Err(RenderError::Stopped)), "{given_up:?}");
         renderer.stop_on(Arc::default());
         let drawn = renderer.converge(&view, &look, None, None).unwrap();
