@@ -5,10 +5,13 @@
 mod codes;
 mod damage;
 mod description;
+mod ending;
 mod limits;
 mod manners;
 mod native;
 mod render;
 mod rescan;
+mod slow;
 mod support;
+mod token;
 mod viewers;

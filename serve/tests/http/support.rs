@@ -2,7 +2,8 @@
 
 use octree_store::{Encoding, Geometry, Metadata, NodeKey, Sample, StoreWriter, encode_samples};
 use serve::{Options, Renderer, Server};
-use std::net::SocketAddr;
+use std::io::Read;
+use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -304,4 +305,70 @@ pub(crate) fn damage_record(path: &Path, key: NodeKey) {
     }
     std::fs::write(path, bytes).unwrap();
     assert!(octree_store::Store::open(path).unwrap().node(key).is_err());
+}
+
+/// A folder with one small store, `v`.
+pub(crate) fn folder() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let volume = Volume::<u16>::new([20, 9, 9], 8, noise);
+    volume.write(&folder.path().join("v.octavo"), Encoding::Lossless);
+    folder
+}
+
+pub(crate) fn connect(server: &Running) -> TcpStream {
+    let stream = TcpStream::connect(server.address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream.set_write_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream
+}
+
+/// What a server still says before it closes.
+pub(crate) fn rest(mut stream: TcpStream) -> String {
+    let mut text = Vec::new();
+    // A server that closes with bytes of ours unread resets the connection: what came before counts.
+    let _ = stream.read_to_end(&mut text);
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+/// An HTTP/2 client that asks for so much and opens no window; how many of its requests were refused.
+pub(crate) async fn ask_and_take_nothing(
+    server: &Running,
+    method: &str,
+    path: &str,
+    body: &str,
+    times: usize,
+) -> (usize, tokio::task::JoinHandle<()>) {
+    let stream = tokio::net::TcpStream::connect(server.address).await.unwrap();
+    let mut builder = h2::client::Builder::new();
+    builder.initial_window_size(0);
+    let (mut client, connection) = builder.handshake::<_, bytes::Bytes>(stream).await.unwrap();
+    let mut answers = Vec::new();
+    let kept = tokio::spawn(async move {
+        let _ = connection.await;
+    });
+    for _ in 0..times {
+        client = client.ready().await.unwrap();
+        let uri = format!("http://{}{path}", server.address);
+        let request = http::Request::builder().method(method).uri(uri).body(()).unwrap();
+        let (answer, mut sent) = client.send_request(request, body.is_empty()).unwrap();
+        if !body.is_empty() {
+            sent.send_data(body.to_owned().into(), true).unwrap();
+        }
+        answers.push(answer);
+    }
+    let (mut refused, mut kept_answers) = (0, Vec::new());
+    for answer in answers {
+        let answer = answer.await.unwrap();
+        refused += usize::from(answer.status() == 503);
+        kept_answers.push(answer);
+    }
+    let kept = tokio::spawn(async move {
+        let _ = kept.await;
+        drop((client, kept_answers));
+    });
+    (refused, kept)
+}
+
+pub(crate) fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap()
 }
