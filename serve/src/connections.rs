@@ -8,12 +8,11 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
-use std::io;
+use std::io::{self, Read, Write};
 use std::net::SocketAddr;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::AsyncWriteExt;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, watch};
 use tokio_io_timeout::TimeoutStream;
@@ -61,7 +60,7 @@ pub(crate) async fn accept(
         let Ok(permit) = Arc::clone(&room).try_acquire_owned() else {
             app.metrics.refused_connections.inc();
             app.places.call_in();
-            refuse(stream);
+            let _ = refuse(stream);
             continue;
         };
         let watcher = graceful.watcher();
@@ -95,13 +94,13 @@ pub(crate) async fn accept(
     }
 }
 
-/// Says that there is no room, if that can be said at once.
-fn refuse(stream: TcpStream) {
-    let _ = stream.try_write(FULL);
-    tokio::spawn(async move {
-        let mut stream = stream;
-        let _ = tokio::time::timeout(Duration::from_millis(100), stream.shutdown()).await;
-    });
+/// Says that there is no room, and has it over before the next is accepted: a burst of such connections holds no
+/// file descriptors.
+fn refuse(stream: TcpStream) -> io::Result<()> {
+    let mut stream = stream.into_std()?;
+    stream.write_all(FULL)?;
+    // With what was asked still unread, closing would take the answer back.
+    stream.read(&mut [0; 8192]).map(drop)
 }
 
 /// Whether a client begins as HTTP/2 does; none where the server stops before it says anything.
