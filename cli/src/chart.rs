@@ -64,6 +64,12 @@ fn draw<B: DrawingBackend>(
     let failed = |error: DrawingAreaErrorKind<B::ErrorType>| anyhow!("drawing failed: {error}");
     let most = histogram.counts.iter().copied().max().unwrap_or(1).max(1);
     let (low, high) = (histogram.edges[0], histogram.edges[histogram.counts.len()]);
+    // Of an axis whose length is no number the chart would look for marks for ever.
+    if !(high - low).is_finite() {
+        bail!(
+            "a range from {low:e} to {high:e} is too wide to be drawn: --json and --csv have its numbers"
+        );
+    }
     area.fill(&WHITE).map_err(failed)?;
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 22))

@@ -48,6 +48,12 @@ pub enum Damage {
         /// Bytes found.
         found: usize,
     },
+    /// The disk does not give its record or its payload back.
+    #[error("it cannot be read: {what}")]
+    Unreadable {
+        /// The system's words.
+        what: String,
+    },
     /// The store was salvaged, and nothing could be saved of the brick.
     #[error("it was lost before this store was salvaged from a damaged one")]
     Lost,
@@ -130,8 +136,8 @@ pub enum StoreError {
         /// How.
         what: String,
     },
-    /// Of a damaged store not even the metadata are left.
-    #[error("{}: no metadata are left in it, so nothing of it can be used: convert the source again",
+    /// Of a damaged store not even the metadata are left, or next to nothing else.
+    #[error("{}: too little is left of it for anything to be saved: convert the source again",
         path.display())]
     NothingLeft {
         /// The file.

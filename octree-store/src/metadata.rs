@@ -292,6 +292,13 @@ impl Metadata {
         bytes
     }
 
+    /// Whether a frame that this version reads may begin with these bytes: quickly, and right of all that do.
+    pub(crate) fn may_begin(bytes: &[u8]) -> bool {
+        let version = bytes.get(4..8).and_then(|bytes| bytes.first_chunk());
+        bytes.starts_with(&MAGIC)
+            && version.is_some_and(|version| u32::from_le_bytes(*version) <= FORMAT_VERSION)
+    }
+
     /// The metadata in a record's bytes. The version is looked at before anything else, so that a
     /// later version may change all but the first eight bytes.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Result<Self, MetadataError> {

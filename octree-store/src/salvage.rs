@@ -32,7 +32,8 @@ pub struct Salvaged {
 }
 
 /// Copies all whole bricks of a store into a new one; after each brick it calls `go_on`, and ends with `None`
-/// where that says false. The store is best opened by [`Store::open_remains`].
+/// where that says false. The store is best opened by [`Store::open_remains`]: then what the disk does not give back is
+/// lost, and the rest is saved.
 ///
 /// # Errors
 /// When a file cannot be read or written. Damage is no error.
@@ -50,16 +51,20 @@ pub fn salvage(
             records.clear();
             payloads.clear();
             for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-                let checked = with_sample_type!(store.metadata().sample_type, T => {
+                let saved = with_sample_type!(store.metadata().sample_type, T => {
                     check::<T>(store, key, &mut scratch)
                 });
-                match checked {
-                    Ok(record) if record.state == BrickState::Lost => {
-                        lost.push(DamagedNode { key, damage: Damage::Lost });
-                        records.push(record);
-                    }
-                    Ok(record) => {
+                let saved = saved.and_then(|record| {
+                    if record.state != BrickState::Lost {
                         payloads.extend_from_slice(store.read_payload(&record, &mut scratch)?);
+                    }
+                    Ok(record)
+                });
+                match saved {
+                    Ok(record) => {
+                        if record.state == BrickState::Lost {
+                            lost.push(DamagedNode { key, damage: Damage::Lost });
+                        }
                         records.push(record);
                     }
                     Err(StoreError::Damaged { damage, .. }) => {

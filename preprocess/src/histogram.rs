@@ -66,6 +66,8 @@ fn histogram_typed<T: Sample>(
         (low, high) = (low.min(min), high.max(max));
         true
     })?;
+    // A record may say anything; of numbers that are none no bins can be made.
+    (low, high) = (low.max(-f64::MAX).min(f64::MAX), high.min(f64::MAX).max(-f64::MAX));
     // Widened where there is one value only, so that bins have a width. Halves, because the range of
     // f64 extremes overflows.
     let width = (high / 2.0 - low / 2.0) / bins as f64 * 2.0;
@@ -120,8 +122,7 @@ fn histogram_typed<T: Sample>(
     outcome?;
     counts = add(counts, count_batch(&batch)?);
     let not_finite = counts.pop().unwrap_or(0);
-    let edges = (0..=bins)
-        .map(|i| if i == bins { start + width * bins as f64 } else { start + width * i as f64 });
+    let edges = (0..=bins).map(|i| edge(start, width, i));
     Ok(Histogram {
         schema: "octavo.histogram/1",
         level,
@@ -133,6 +134,16 @@ fn histogram_typed<T: Sample>(
     })
 }
 
+/// Where a bin begins. What is added may overflow where the sum does not: then halves are.
+fn edge(start: f64, width: f64, bin: usize) -> f64 {
+    let sum = start + width * bin as f64;
+    if sum.is_finite() {
+        sum
+    } else {
+        ((start / 2.0 + width / 2.0 * bin as f64) * 2.0).clamp(-f64::MAX, f64::MAX)
+    }
+}
+
 /// Bricks that are counted together: their records are what is held of the volume.
 const BATCH: usize = 4096;
 
@@ -142,6 +153,17 @@ type Counting<T> = (Vec<u64>, Vec<T>, BrickScratch);
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn edges_of_the_widest_range_are_finite_and_rise() {
+        let (start, bins) = (-1.7e308, 256);
+        let width = 1.7e308 / bins as f64 * 2.0;
+        let edges: Vec<f64> = (0..=bins).map(|i| edge(start, width, i)).collect();
+        assert!(edges.iter().all(|edge| edge.is_finite()) && edges.is_sorted());
+        assert_eq!((edges[0], edges[128], edges[bins]), (-1.7e308, 0.0, 1.7e308));
+        let edges: Vec<f64> = (0..=4).map(|i| edge(-f64::MAX, f64::MAX / 2.0, i)).collect();
+        assert_eq!(edges, [-f64::MAX, -f64::MAX / 2.0, 0.0, f64::MAX / 2.0, f64::MAX]);
+    }
 
     #[test]
     fn quantiles_are_linear_within_a_bin() {

@@ -66,6 +66,11 @@ pub enum RenderError {
         /// The most along each.
         limit: u64,
     },
+    /// A camera or a voxel's size whose rays 32-bit floats cannot hold.
+    #[error(
+        "the camera's numbers and the voxels' size lie too far apart to be drawn: an image must not be 1e15 times as large as a voxel, or a voxel as an image"
+    )]
+    OutOfScale,
     /// No Vulkan driver, or none of that name.
     #[error("no graphics adapter{} was found (of {found} in all): install a Vulkan driver (on Debian and Ubuntu the package mesa-vulkan-drivers draws without a graphics card), or use --backend cpu", .wanted.as_ref().map(|w| format!(" named {w:?}")).unwrap_or_default())]
     NoAdapter {

@@ -55,30 +55,23 @@ impl Mender {
 
 impl Store {
     /// What is wrong with the file of which this store is what remains ([`Store::open_remains`]), apart from records
-    /// and payloads that are damaged: its first page, its metadata, or the places of its records. None where a
-    /// reader finds all that was found.
-    ///
-    /// # Errors
-    /// When the file cannot be read.
-    pub fn fault_around_records(&self) -> Result<Option<String>, StoreError> {
+    /// and payloads that are damaged: its first page, its metadata, or the places of its records, which cannot be
+    /// read or are not what they were. None where a reader finds all that was found.
+    pub fn fault_around_records(&self) -> Option<String> {
         let read = match Self::open_on(self.disk(), self.path()) {
             Ok(read) => read,
-            Err(error @ StoreError::Io { .. }) => return Err(error),
-            Err(error) => return Ok(Some(error.to_string())),
+            Err(error) => return Some(error.to_string()),
         };
         for key in self.geometry.levels().flat_map(|level| self.geometry.keys_at(level)) {
             match (self.node(key), read.node(key)) {
-                (Err(error @ StoreError::Io { .. }), _)
-                | (_, Err(error @ StoreError::Io { .. })) => {
-                    return Err(error);
-                }
                 (Ok(found), Ok(record)) if found == record => {}
-                (Ok(_), _) => return Ok(Some("records have changed places".into())),
+                (Ok(_), Err(error @ StoreError::Io { .. })) => return Some(error.to_string()),
+                (Ok(_), _) => return Some("records have changed places".into()),
                 // Nothing was found of it.
                 (Err(_), _) => {}
             }
         }
-        let twice = read.metadata_are_there_twice()?;
-        Ok((!twice).then(|| "one of its two metadata records is damaged".into()))
+        let twice = read.metadata_are_there_twice().unwrap_or(false);
+        (!twice).then(|| "one of its two metadata records is damaged".into())
     }
 }

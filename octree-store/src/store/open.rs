@@ -82,9 +82,13 @@ impl Store {
     pub(crate) fn metadata_are_there_twice(&self) -> Result<bool, StoreError> {
         let Some(superblock) = self.superblock else { return Ok(false) };
         let read = self.file.length().and_then(|length| frames(&self.file, &superblock, length));
-        let [first, copy] =
-            read.map_err(|source| StoreError::Io { path: self.path.clone(), source })?;
-        Ok(first == copy && Metadata::from_bytes(&first).is_ok())
+        match (read, &self.records) {
+            (Ok([first, copy]), _) => Ok(first == copy && Metadata::from_bytes(&first).is_ok()),
+            (Err(_), Records::Found(_)) => Ok(false),
+            (Err(source), Records::Table(_)) => {
+                Err(StoreError::Io { path: self.path.clone(), source })
+            }
+        }
     }
 }
 

@@ -353,7 +353,7 @@ impl Store {
             if source.kind() == io::ErrorKind::UnexpectedEof {
                 self.damaged(record.key, Damage::PayloadMissing { stream, offset })
             } else {
-                StoreError::Io { path: self.path.clone(), source }
+                self.unreadable(record.key, source)
             }
         })?;
         if length == 0 {
@@ -368,6 +368,14 @@ impl Store {
             self.damaged(key, Damage::RecordMissing)
         } else {
             StoreError::Io { path: self.path.clone(), source }
+        }
+    }
+
+    /// The error for a payload that the system does not give back. Of a store's remains that is one damage more.
+    fn unreadable(&self, key: NodeKey, source: io::Error) -> StoreError {
+        match self.records {
+            Records::Table(_) => StoreError::Io { path: self.path.clone(), source },
+            Records::Found(_) => self.damaged(key, Damage::Unreadable { what: source.to_string() }),
         }
     }
 }

@@ -19,7 +19,7 @@ impl Records {
     pub(super) fn group(&self, parent: NodeKey) -> io::Result<Vec<u8>> {
         match self {
             Self::Table(table) => table.group(parent),
-            Self::Found(found) => found.group(parent),
+            Self::Found(found) => Ok(found.group(parent)),
         }
     }
 
@@ -31,7 +31,10 @@ impl Records {
     ) -> io::Result<()> {
         match self {
             Self::Table(table) => table.visit(level, visit),
-            Self::Found(found) => found.visit(level, visit),
+            Self::Found(found) => {
+                found.visit(level, visit);
+                Ok(())
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Twin of `frame.wgsl`, byte for byte; a test holds the offsets against each other.
 
+use super::ray::ray_of;
 use crate::error::RenderError;
 use crate::transfer::TransferTable;
 use crate::view::{Filter, Look, Mode, RayGrid};
@@ -86,7 +87,7 @@ impl Frame {
         let shading = look.shading.unwrap_or_default();
         let light = shading.light.map_or(DVec3::ZERO, |l| DVec3::from_array(l).normalize_or_zero());
         let isovalue = if let Mode::Iso(value) = look.mode { look.normalised(value) } else { 0.0 };
-        Ok(Self {
+        let frame = Self {
             origin_cell: whole(grid.origin),
             step_voxels: grid.step_voxels as f32,
             origin_frac: rest(grid.origin),
@@ -121,7 +122,28 @@ impl Frame {
             pool: [pool_slots[0], pool_slots[1]],
             texel: pool_slots.map(|n| 1.0 / (f64::from(n) * geometry.brick_side() as f64) as f32),
             padding: 0,
-        })
+        };
+        if frame.is_in_scale() { Ok(frame) } else { Err(RenderError::OutOfScale) }
+    }
+
+    /// Whether all numbers of all rays are finite. A ray of others has neither end nor direction, and would be followed
+    /// for ever.
+    fn is_in_scale(&self) -> bool {
+        let moderate = |v: &[f32; 3]| v.iter().all(|c| c.abs() < 1e30);
+        let vectors = [
+            &self.origin_frac,
+            &self.origin_across,
+            &self.origin_down,
+            &self.direction,
+            &self.direction_across,
+            &self.direction_down,
+        ];
+        let [right, bottom] = self.size.map(|n| n.saturating_sub(1));
+        vectors.into_iter().all(moderate)
+            && self.plane.abs() < 1e30
+            && [[0, 0], [right, 0], [0, bottom], [right, bottom], [right / 2, bottom / 2]]
+                .into_iter()
+                .all(|pixel| moderate(&ray_of(self, pixel, f32::MAX).step.to_array()))
     }
 }
 

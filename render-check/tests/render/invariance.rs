@@ -2,8 +2,8 @@
 
 use crate::support::*;
 use octree_store::loader::{Camera, CameraJson, ClipBox, View};
-use render_check::RendererOptions;
 use render_check::view::{Filter, Look, Mode, Shading};
+use render_check::{RenderError, RendererOptions};
 
 const DIMS: [u64; 3] = [50, 43, 39];
 
@@ -206,4 +206,34 @@ fn what_is_no_number_is_drawn_as_the_least_value() {
     assert!(picture.colors.iter().flatten().all(|c| c.is_finite()));
     let found = compared(&picture, &made.reference(&view, &look));
     assert!(found.reaches(60.0), "{found:?}");
+}
+
+#[test]
+fn views_out_of_all_scale_are_refused_and_not_drawn_for_ever() {
+    let orthographic = |height: f64| {
+        let camera = CameraJson::Orthographic {
+            position: [20.0, 16.0, -40.0],
+            target: [20.0, 16.0, 10.0],
+            up: [0.0, -1.0, 0.0],
+            height,
+        };
+        View::new(Camera::new(camera).unwrap(), [16, 12]).unwrap()
+    };
+    let (_, look) = &looks()[0];
+    let drawn = |spacing: f64, view: &View| {
+        let folding = Folding { spacing_xyz: [spacing; 3], ..Folding::default() };
+        let made = make_u16([24; 3], folding, blob([24; 3]));
+        made.renderer(&RendererOptions::default()).converge(view, look, None, None).map(drop)
+    };
+    for height in [1e300, 1e-300] {
+        let refused = drawn(1.0, &orthographic(height));
+        assert!(matches!(refused, Err(RenderError::OutOfScale)), "{height}: {refused:?}");
+    }
+    for spacing in [1e-300, 1.7e308, 0.0] {
+        let refused = drawn(spacing, &orthographic(50.0));
+        assert!(matches!(refused, Err(RenderError::OutOfScale)), "{spacing}: {refused:?}");
+    }
+    for (spacing, height) in [(1.0, 1e9), (1.0, 1e-9), (1e-9, 50.0), (1e9, 50.0)] {
+        drawn(spacing, &orthographic(height)).unwrap();
+    }
 }
