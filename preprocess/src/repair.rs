@@ -54,7 +54,10 @@ pub fn repair(
     progress: &dyn Progress,
 ) -> Result<Repair, PreprocessError> {
     let start = if how.start == Start::Replace { Start::Replace } else { Start::Mend };
-    let mut place = Output::prepare(store.disk(), store.path(), &source.files, None, start)?;
+    // A link stays what it is: what it leads to is repaired.
+    let io = |source| PreprocessError::Output { path: store.path().to_owned(), source };
+    let path = store.path().canonicalize().map_err(io)?;
+    let mut place = Output::prepare(store.disk(), &path, &source.files, None, start)?;
     let again = Again::new(store, source, how)?;
     let survey = verify(store, || !progress.should_stop())?.ok_or(PreprocessError::Cancelled)?;
     let metadata = store.metadata();
@@ -78,6 +81,9 @@ pub fn repair(
         }
     }
     repair.in_place = false;
+    // Who could not read the store must not be able to read the new one.
+    let permissions = std::fs::metadata(&path).map_err(io)?.permissions();
+    place.file()?.file().set_permissions(permissions).map_err(io)?;
     with_sample_type!(metadata.sample_type, T => {
         write_anew::<T>(store, &again, &mut repair, &place, progress)?;
     });

@@ -3,6 +3,8 @@
 use crate::support::Bench;
 use octree_store::{BrickScratch, BrickState, Geometry, NodeKey, Region, Store};
 use serde_json::{Value, json};
+use std::fs::Permissions;
+use std::os::unix::fs::{PermissionsExt, symlink};
 
 const SOURCE: &str = "a_40x33x20_u16.raw";
 const PAGE: usize = 4096;
@@ -89,6 +91,25 @@ fn any_page_that_is_lost_is_made_anew_to_the_same_digest() {
     }
     assert!(anew >= 5, "{anew}");
     assert_eq!(bench.names(), ["a.octavo", SOURCE]);
+}
+
+#[test]
+fn a_store_that_is_written_anew_keeps_its_permissions_and_the_link_to_it() {
+    let (bench, bytes) = bench("--encoding u8");
+    let mut damaged = bytes.clone();
+    for record in records(&bytes, 0, [2, 1, 1]) {
+        damaged[record + 60] ^= 1;
+    }
+    bench.write("a.octavo", &damaged);
+    let [store, link] = ["a.octavo", "link.octavo"].map(|name| bench.path(name));
+    std::fs::set_permissions(&store, Permissions::from_mode(0o600)).unwrap();
+    symlink("a.octavo", &link).unwrap();
+    let said = bench.ok(&format!("repair link.octavo --against {SOURCE} --json")).json();
+    assert_eq!(said["in_place"], false, "{said}");
+    assert!(link.is_symlink(), "the link is no store of its own");
+    assert!(std::fs::read(&store).unwrap() == bytes, "what it leads to is whole");
+    assert_eq!(std::fs::metadata(&store).unwrap().permissions().mode() & 0o777, 0o600);
+    assert_eq!(bench.names(), ["a.octavo", SOURCE, "link.octavo"]);
 }
 
 #[test]
