@@ -198,6 +198,16 @@ pub enum StoreError {
         /// The system's error.
         source: io::Error,
     },
+    /// The disk does not give a node's record or payload back. Nothing is said of what it holds.
+    #[error("{}: {key} cannot be read: {source}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The node.
+        key: NodeKey,
+        /// The system's error.
+        source: io::Error,
+    },
     /// The database of a store in the making reports an error of its own.
     #[error("{}: the database in it cannot be used: {what}", path.display())]
     Database {
@@ -213,7 +223,7 @@ impl StoreError {
     pub fn is_environment(&self) -> bool {
         match self {
             Self::Io { source, .. } => !is_denied(source),
-            Self::InUse { .. } => true,
+            Self::InUse { .. } | Self::Unreadable { .. } => true,
             _ => false,
         }
     }

@@ -221,6 +221,8 @@ pub(crate) enum MetadataError {
     Json(String),
     #[error("{0}")]
     Geometry(#[from] GeometryError),
+    #[error("a voxel's size is not above 0")]
+    Spacing,
 }
 
 impl Metadata {
@@ -317,6 +319,9 @@ impl Metadata {
         let metadata: Self =
             serde_json::from_slice(json).map_err(|error| MetadataError::Json(error.to_string()))?;
         metadata.geometry()?;
+        if !metadata.spacing_xyz.iter().all(|side| side.is_finite() && *side > 0.0) {
+            return Err(MetadataError::Spacing);
+        }
         Ok(metadata)
     }
 }
@@ -345,6 +350,15 @@ mod tests {
             let mut damaged = bytes.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
             assert!(Metadata::from_bytes(&damaged).is_err(), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn a_voxel_has_a_size() {
+        for side in [0.0, -0.0, -1.0] {
+            let mut metadata = metadata();
+            metadata.spacing_xyz[1] = side;
+            assert_eq!(Metadata::from_bytes(&metadata.to_bytes()), Err(MetadataError::Spacing));
         }
     }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use octree_store::{
-    BrickScratch, Damage, Disk, Encoding, Geometry, Metadata, NodeKey, Operation, Region,
+    BrickScratch, Damage, Disk, Encoding, Geometry, Mender, Metadata, NodeKey, Operation, Region,
     SampleType, Store, StoreError, StoreWriter, Watch, encode_samples, salvage, verify,
 };
 use std::io;
@@ -139,7 +139,7 @@ fn a_file_that_speaks_of_more_bricks_than_it_has_bytes_is_refused_at_once() {
     assert!(json.contains("[24,24,24]"));
     let claimed = frame(&json.replace("[24,24,24]", "[2097152,2097152,1048576]"));
     // Without a first page, and with one that is whole.
-    let mut bytes = vec![[0; PAGE].to_vec(), claimed.clone()].concat();
+    let mut bytes = [[0; PAGE].to_vec(), claimed.clone()].concat();
     std::fs::write(&path, &bytes).unwrap();
     let refused = Store::open_remains(&path);
     assert!(matches!(refused, Err(StoreError::NothingLeft { .. })), "{refused:?}");
@@ -182,4 +182,16 @@ fn a_file_full_of_beginnings_is_searched_in_time() {
     bytes.splice(PAGE..PAGE, long);
     std::fs::write(&path, &bytes).unwrap();
     assert_eq!(Store::open_remains(&path).unwrap().metadata().dims_xyz, [24, 24, 24]);
+}
+
+#[test]
+fn a_store_that_took_the_name_of_another_is_not_written_into() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = make(folder.path());
+    let store = Store::open(&path).unwrap();
+    assert!(Mender::open(&store).is_ok());
+    std::fs::copy(&path, folder.path().join("b.octavo")).unwrap();
+    std::fs::rename(folder.path().join("b.octavo"), &path).unwrap();
+    let refused = Mender::open(&store);
+    assert!(matches!(refused, Err(StoreError::Io { .. })), "{refused:?}");
 }

@@ -67,7 +67,7 @@ fn histogram_typed<T: Sample>(
         true
     })?;
     // A record may say anything; of numbers that are none no bins can be made.
-    (low, high) = (low.max(-f64::MAX).min(f64::MAX), high.min(f64::MAX).max(-f64::MAX));
+    (low, high) = (low.clamp(-f64::MAX, f64::MAX), high.clamp(-f64::MAX, f64::MAX));
     // Widened where there is one value only, so that bins have a width. Halves, because the range of
     // f64 extremes overflows.
     let width = (high / 2.0 - low / 2.0) / bins as f64 * 2.0;
@@ -134,14 +134,10 @@ fn histogram_typed<T: Sample>(
     })
 }
 
-/// Where a bin begins. What is added may overflow where the sum does not: then halves are.
+/// Where a bin begins. What is added may overflow where the sum does not: then both are one operation.
 fn edge(start: f64, width: f64, bin: usize) -> f64 {
     let sum = start + width * bin as f64;
-    if sum.is_finite() {
-        sum
-    } else {
-        ((start / 2.0 + width / 2.0 * bin as f64) * 2.0).clamp(-f64::MAX, f64::MAX)
-    }
+    if sum.is_finite() { sum } else { width.mul_add(bin as f64, start).clamp(-f64::MAX, f64::MAX) }
 }
 
 /// Bricks that are counted together: their records are what is held of the volume.

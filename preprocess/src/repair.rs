@@ -104,7 +104,7 @@ fn put_right<T: Sample>(
     let format = again.options.brick_format();
     let encoder = BrickEncoder { format, rules: &again.rules };
     let mut sink = PutRight {
-        mender: Mender::open(store.disk(), store.path())?,
+        mender: Mender::open(store)?,
         left: records_of(store, damaged)?,
         others: false,
         progress,

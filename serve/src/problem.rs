@@ -71,6 +71,14 @@ impl Problem {
                     format!("{key} is damaged: {damage}"),
                 )
             },
+            StoreError::Unreadable { key, source, .. } => Self {
+                key: Some(*key),
+                ..Self::new(
+                    StatusCode::INTERNAL_SERVER_ERROR,
+                    "unreadable",
+                    format!("{key} cannot be read: {}", source.kind()),
+                )
+            },
             StoreError::Io { source, .. } => Self::new(
                 StatusCode::INTERNAL_SERVER_ERROR,
                 "unreadable",

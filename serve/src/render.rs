@@ -37,8 +37,14 @@ pub struct Picture {
 
 /// Why there is no picture.
 #[derive(Debug, Error)]
-#[error("{0}")]
-pub struct RenderError(pub String);
+pub enum RenderError {
+    /// What was asked for cannot be drawn.
+    #[error("{0}")]
+    Request(String),
+    /// Drawing failed.
+    #[error("{0}")]
+    Failed(String),
+}
 
 /// Draws pictures of stores, one at a time, on a thread that may wait.
 pub trait Renderer: Send + Sync {

@@ -263,6 +263,31 @@ fn a_picture_whose_client_left_makes_room_for_others() {
 }
 
 #[test]
+fn a_camera_out_of_all_scale_is_the_clients_to_change() {
+    let bench = Bench::new();
+    bench.scan("a.raw");
+    bench.ok("convert a.raw --dims 40,33,20 --dtype u16");
+    let server = Serving::new(&bench, "a.octavo --renderer cpu");
+    for (height, status) in [("1e300", "400"), ("50", "200")] {
+        let camera = format!(
+            r#"{{"projection":"orthographic","position":[20,16,-40],"target":[20,16,10],"up":[0,-1,0],"height":{height}}}"#
+        );
+        let body = format!(r#"{{"camera":{camera},"size":[16,16]}}"#);
+        let mut stream = TcpStream::connect(server.base.trim_start_matches("http://")).unwrap();
+        let length = body.len();
+        write!(
+            stream,
+            "POST /v1/a/render HTTP/1.1\r\nhost: a\r\nconnection: close\r\ncontent-length: {length}\r\n\r\n{body}"
+        )
+        .unwrap();
+        let mut reply = Vec::new();
+        stream.read_to_end(&mut reply).unwrap();
+        let line = format!("HTTP/1.1 {status}");
+        assert!(reply.starts_with(line.as_bytes()), "{}", String::from_utf8_lossy(&reply));
+    }
+}
+
+#[test]
 fn files_that_are_passed_over_are_told_once() {
     let bench = Bench::new();
     bench.scan("a.raw");

@@ -6,10 +6,13 @@
 use super::reader::Store;
 use super::superblock::SUPERBLOCK_BYTES;
 use super::writer::io_at;
-use crate::disk::{Disk, DiskFile};
+use crate::disk::DiskFile;
 use crate::error::StoreError;
 use crate::record::NodeRecord;
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
 use twox_hash::XxHash3_128;
 
 /// A store's file, open for putting payloads right.
@@ -20,12 +23,23 @@ pub struct Mender {
 }
 
 impl Mender {
-    /// Opens the file of a store.
+    /// Opens a store's file.
     ///
     /// # Errors
-    /// When it cannot be written.
-    pub fn open(disk: &Disk, path: &Path) -> Result<Self, StoreError> {
-        let file = disk.open_to_write(path).map_err(|source| io_at(path, source))?;
+    /// When it cannot be written, or another file has its name by now.
+    pub fn open(store: &Store) -> Result<Self, StoreError> {
+        let path = store.path();
+        let open = || {
+            let file = store.disk().open_to_write(path)?;
+            let [read, written] = [store.file.file(), file.file()].map(File::metadata);
+            let [read, written] = [read?, written?];
+            if (read.dev(), read.ino()) == (written.dev(), written.ino()) {
+                Ok(file)
+            } else {
+                Err(io::Error::other("it was replaced after it was opened"))
+            }
+        };
+        let file = open().map_err(|source| io_at(path, source))?;
         Ok(Self { path: path.to_owned(), file })
     }
 
@@ -65,7 +79,9 @@ impl Store {
         for key in self.geometry.levels().flat_map(|level| self.geometry.keys_at(level)) {
             match (self.node(key), read.node(key)) {
                 (Ok(found), Ok(record)) if found == record => {}
-                (Ok(_), Err(error @ StoreError::Io { .. })) => return Some(error.to_string()),
+                (Ok(_), Err(error @ StoreError::Unreadable { .. })) => {
+                    return Some(error.to_string());
+                }
                 (Ok(_), _) => return Some("records have changed places".into()),
                 // Nothing was found of it.
                 (Err(_), _) => {}

@@ -149,7 +149,7 @@ impl Store {
                 false
             }
         });
-        read.map_err(|source| self.at(NodeKey::first_of_level(level), source))?;
+        read.map_err(|(key, source)| self.at(key, source))?;
         outcome
     }
 
@@ -263,12 +263,12 @@ impl Store {
 
     /// The bytes of the records of a node and its siblings.
     pub(super) fn siblings(&self, key: NodeKey) -> Result<Vec<u8>, StoreError> {
-        self.group(key.parent())
+        self.records.group(key.parent()).map_err(|source| self.at(key, source))
     }
 
     /// The bytes of the records beneath a node.
     fn group(&self, parent: NodeKey) -> Result<Vec<u8>, StoreError> {
-        self.records.group(parent).map_err(|source| self.at(parent, source))
+        self.records.group(parent).map_err(|source| self.at(parent.children()[0], source))
     }
 
     /// Reads and decodes a brick of whatever type the store has.
@@ -367,14 +367,14 @@ impl Store {
         if source.kind() == io::ErrorKind::UnexpectedEof {
             self.damaged(key, Damage::RecordMissing)
         } else {
-            StoreError::Io { path: self.path.clone(), source }
+            self.unreadable(key, source)
         }
     }
 
-    /// The error for a payload that the system does not give back. Of a store's remains that is one damage more.
+    /// The error for what the system does not give back. Of a store's remains that is one damage more.
     fn unreadable(&self, key: NodeKey, source: io::Error) -> StoreError {
         match self.records {
-            Records::Table(_) => StoreError::Io { path: self.path.clone(), source },
+            Records::Table(_) => StoreError::Unreadable { path: self.path.clone(), key, source },
             Records::Found(_) => self.damaged(key, Damage::Unreadable { what: source.to_string() }),
         }
     }

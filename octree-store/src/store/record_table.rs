@@ -38,11 +38,12 @@ impl RecordTable {
     }
 
     /// Calls `visit` with each node of a level and the bytes of its record, in key order, until it returns false.
+    /// Of records that cannot be read the error has the first.
     pub(super) fn visit(
         &self,
         level: u8,
         visit: &mut dyn FnMut(NodeKey, &[u8]) -> bool,
-    ) -> io::Result<()> {
+    ) -> Result<(), (NodeKey, io::Error)> {
         let mut keys = self.geometry.keys_at(level).peekable();
         let mut left = self.geometry.bricks_at(level);
         let mut bytes = Vec::new();
@@ -50,7 +51,7 @@ impl RecordTable {
             let count = left.min(BLOCK as u64);
             left -= count;
             bytes.resize(NodeRecord::BYTES * count as usize, 0);
-            self.read(first, &mut bytes)?;
+            self.read(first, &mut bytes).map_err(|error| (first, error))?;
             for (record, key) in bytes.chunks_exact(NodeRecord::BYTES).zip(&mut keys) {
                 if !visit(key, record) {
                     return Ok(());

@@ -28,7 +28,7 @@ impl Records {
         &self,
         level: u8,
         visit: &mut dyn FnMut(NodeKey, &[u8]) -> bool,
-    ) -> io::Result<()> {
+    ) -> Result<(), (NodeKey, io::Error)> {
         match self {
             Self::Table(table) => table.visit(level, visit),
             Self::Found(found) => {

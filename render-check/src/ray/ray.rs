@@ -52,10 +52,10 @@ pub(super) fn ray_of(frame: &Frame, pixel: [u32; 2], end: f32) -> Ray {
     let world_towards = towards * vec(frame.spacing);
     let world_before = frame.plane * world_towards.dot(world_towards).sqrt();
     let origin_cell = IVec3::from_array(frame.origin_cell);
-    let low = (IVec3::from_array(frame.clip_min_cell) - origin_cell).as_vec3()
+    let low = IVec3::from_array(frame.clip_min_cell).wrapping_sub(origin_cell).as_vec3()
         + vec(frame.clip_min_frac)
         - from_cell;
-    let high = (IVec3::from_array(frame.clip_max_cell) - origin_cell).as_vec3()
+    let high = IVec3::from_array(frame.clip_max_cell).wrapping_sub(origin_cell).as_vec3()
         + vec(frame.clip_max_frac)
         - from_cell;
     let mut enter = 0.0_f32;
@@ -74,7 +74,8 @@ pub(super) fn ray_of(frame: &Frame, pixel: [u32; 2], end: f32) -> Ray {
     }
     let offset = place_of(from_cell);
     Ray {
-        start: Place { cell: offset.cell + origin_cell, frac: offset.frac },
+        // Where the eye is further away than whole numbers reach, the shader's go round.
+        start: Place { cell: offset.cell.wrapping_add(origin_cell), frac: offset.frac },
         stride: place_of(step.abs()),
         negative: step.cmplt(Vec3::ZERO),
         step,

@@ -4,7 +4,7 @@ use super::asked::Path;
 use super::{CONVERGED, read_json};
 use crate::app::App;
 use crate::problem::Problem;
-use crate::render::RenderRequest;
+use crate::render::{RenderError, RenderRequest};
 use axum::body::Body;
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
@@ -101,7 +101,10 @@ pub(super) async fn render(
     let drawn = drawn
         .await
         .map_err(|_| Problem::internal("drawing failed for a reason of the program's own"))??;
-    let picture = drawn.map_err(|error| Problem::internal(error.to_string()))?;
+    let picture = drawn.map_err(|error| match error {
+        RenderError::Request(what) => Problem::malformed(what),
+        RenderError::Failed(what) => Problem::internal(what),
+    })?;
     let headers = [
         (header::CONTENT_TYPE, picture.content_type),
         (header::CACHE_CONTROL, "no-store"),

@@ -139,10 +139,15 @@ fn a_picture_that_nobody_waits_for_is_given_up() {
 #[test]
 fn a_renderer_that_fails_or_panics_harms_one_request() {
     let Bench { server, go, .. } = &bench();
-    go.send(Err(RenderError("the device is lost".into()))).unwrap();
+    go.send(Err(RenderError::Failed("the device is lost".into()))).unwrap();
     let reply = server.post("/v1/v/render", &body(""));
     reply.assert_problem(500);
     assert!(reply.json()["detail"].as_str().unwrap().contains("device is lost"));
+    // What cannot be drawn is the client's to change.
+    go.send(Err(RenderError::Request("out of all scale".into()))).unwrap();
+    let reply = server.post("/v1/v/render", &body(""));
+    reply.assert_problem(400);
+    assert!(reply.json()["detail"].as_str().unwrap().contains("out of all scale"));
     go.send(Ok(picture("", true))).unwrap();
     server.post("/v1/v/render", &body("")).assert_problem(500);
 }

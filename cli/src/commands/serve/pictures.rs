@@ -64,7 +64,10 @@ impl Pictures {
         let at_most = Some(request.at_most);
         own.renderer.stop_on(Arc::clone(&request.given_up));
         let rendered = own.renderer.converge(&request.view, &look, None, at_most);
-        if matches!(rendered, Ok(_) | Err(render_check::RenderError::Stopped)) {
+        if matches!(
+            rendered,
+            Ok(_) | Err(render_check::RenderError::Stopped | render_check::RenderError::OutOfScale)
+        ) {
             if kept.len() == KEPT {
                 kept.remove(0);
             }
@@ -79,6 +82,12 @@ impl Pictures {
 
 impl serve::Renderer for Pictures {
     fn render(&self, store: &Store, request: &RenderRequest) -> Result<Picture, RenderError> {
-        self.draw(store, request).map_err(|error| RenderError(format!("{error:#}")))
+        self.draw(store, request).map_err(|error| {
+            let said = format!("{error:#}");
+            match error.downcast_ref() {
+                Some(render_check::RenderError::OutOfScale) => RenderError::Request(said),
+                _ => RenderError::Failed(said),
+            }
+        })
     }
 }
