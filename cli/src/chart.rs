@@ -1,8 +1,8 @@
 //! Histograms as charts: PNG and SVG by plotters, and in the terminal by textplots.
 
+use crate::lettering::Lettered;
 use anyhow::{anyhow, bail};
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
 use preprocess::histogram::Histogram;
 use std::fmt::Write;
 use std::path::Path;
@@ -30,21 +30,17 @@ impl Kind {
 
 /// Draws a histogram; the counts' axis is logarithmic, since air outnumbers all else.
 pub(crate) fn histogram(histogram: &Histogram, title: &str, kind: Kind) -> anyhow::Result<Vec<u8>> {
-    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
-        .map_err(|_| anyhow!("the font in this program is damaged"))?;
     match kind {
         Kind::Svg => {
             let mut text = String::new();
-            draw(&SVGBackend::with_string(&mut text, SIZE).into_drawing_area(), histogram, title)?;
+            let picture = SVGBackend::with_string(&mut text, SIZE);
+            draw(&Lettered(picture).into_drawing_area(), histogram, title)?;
             Ok(text.into_bytes())
         }
         Kind::Png => {
             let mut pixels = vec![0; (SIZE.0 * SIZE.1 * 3) as usize];
-            draw(
-                &BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area(),
-                histogram,
-                title,
-            )?;
+            let picture = BitMapBackend::with_buffer(&mut pixels, SIZE);
+            draw(&Lettered(picture).into_drawing_area(), histogram, title)?;
             let mut bytes = Vec::new();
             let mut encoder = png::Encoder::new(&mut bytes, SIZE.0, SIZE.1);
             encoder.set_color(png::ColorType::Rgb);

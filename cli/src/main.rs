@@ -3,10 +3,12 @@
 mod chart;
 mod commands;
 mod exit;
+mod lettering;
 mod numbers;
 mod parse;
 mod picture;
 mod progress;
+mod text;
 
 use clap::Parser;
 use std::process::ExitCode;

@@ -5,6 +5,7 @@
 //! of one that fits a wide page would be too small to read on a phone.
 
 use super::axis::Axis;
+use crate::lettering::Lettered;
 use anyhow::anyhow;
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
@@ -17,9 +18,9 @@ pub(super) const INK: RGBColor = RGBColor(0x22, 0x22, 0x23);
 /// Lines of the grid; the style sheet's `--grid`.
 pub(super) const GRID: RGBColor = RGBColor(0xdd, 0xdd, 0xdc);
 
-pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<Lettered<SVGBackend<'a>>, Shift>;
 pub(super) type Chart<'a, 'b> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+    ChartContext<'a, Lettered<SVGBackend<'b>>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A size of picture; the style sheet shows the one that fits.
 #[derive(Debug)]
@@ -76,7 +77,8 @@ pub(super) fn picture(
 ) -> anyhow::Result<String> {
     let mut svg = String::new();
     {
-        let area = SVGBackend::with_string(&mut svg, layout.size).into_drawing_area();
+        let picture = SVGBackend::with_string(&mut svg, layout.size);
+        let area = Lettered(picture).into_drawing_area();
         draw(&area)?;
         area.present().map_err(|error| anyhow!("drawing failed: {error}"))?;
     }

@@ -7,7 +7,6 @@ use super::report::{Report, short};
 use super::view::ViewReading;
 use anyhow::anyhow;
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
 use preprocess::tradeoff::{LevelReading, RungReading};
 
 /// A picture of every size, with words for those who do not see it.
@@ -61,8 +60,6 @@ type Figure = (&'static str, &'static str, Scale, fn(&RungReading) -> Option<f64
 
 /// All plots, in the page's order.
 pub(super) fn all(report: &Report) -> anyhow::Result<Vec<Plot>> {
-    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
-        .map_err(|_| anyhow!("the font in this program is damaged"))?;
     let errors: [Figure; 3] = [
         ("AMAX", "largest error (AMAX), source units", Scale::Log, |r| positive(r.amax)),
         ("RMS", "root mean square error (RMS), source units", Scale::Log, |r| positive(r.rms)),
@@ -260,7 +257,6 @@ mod tests {
 
     #[test]
     fn a_picture_says_what_it_shows_and_asks_for_nothing_else() {
-        register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular()).ok();
         let points = [
             point("exact", [None, Some(9.0)]),
             point("a < b", [Some(0.5), Some(3.0)]),

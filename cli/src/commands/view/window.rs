@@ -82,7 +82,6 @@ impl Viewer {
         shot: Shot,
         wanted_size: [u32; 2],
     ) -> anyhow::Result<()> {
-        overlay::prepare()?;
         let events = EventLoop::<News>::with_user_event().build().map_err(no_display)?;
         let display = Context::new(events.owned_display_handle()).map_err(no_display)?;
         let adapter = renderer.backend().adapter();
