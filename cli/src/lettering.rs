@@ -202,7 +202,8 @@ mod tests {
     use plotters::style::text_anchor::Pos;
 
     const SIDE: i32 = 160;
-    const TEXT: &str = "Tq 7/8";
+    // The E lies within its own width, which a T does not.
+    const TEXT: &str = "Eq 7/8";
 
     /// The darkness of a square picture with a line of text, from its left top corner.
     fn written(turn: FontTransform, pos: Pos, anchor: (i32, i32)) -> Vec<u8> {
