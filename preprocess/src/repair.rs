@@ -63,7 +63,7 @@ pub fn repair(
     let metadata = store.metadata();
     let salvaged_of = metadata.options.get(SALVAGED_OF).and_then(serde_json::Value::as_str);
     let mut repair = Repair {
-        around: store.fault_around_records(),
+        around: store.fault_around_records().or(survey.metadata),
         repaired: survey.damaged,
         bricks_compared: 0,
         in_place: true,

@@ -5,6 +5,7 @@ use octree_store::{BrickScratch, BrickState, Geometry, NodeKey, Region, Store};
 use serde_json::{Value, json};
 use std::fs::Permissions;
 use std::os::unix::fs::{PermissionsExt, symlink};
+use twox_hash::XxHash3_64;
 
 const SOURCE: &str = "a_40x33x20_u16.raw";
 const PAGE: usize = 4096;
@@ -91,6 +92,27 @@ fn any_page_that_is_lost_is_made_anew_to_the_same_digest() {
     }
     assert!(anew >= 5, "{anew}");
     assert_eq!(bench.names(), ["a.octavo", SOURCE]);
+}
+
+#[test]
+fn sums_that_do_not_follow_from_the_records_are_made_anew() {
+    let (bench, bytes) = bench("--encoding u8");
+    let frames: Vec<usize> =
+        (0..bytes.len() - 4).filter(|at| bytes[*at..].starts_with(b"OCTV")).collect();
+    let json = std::str::from_utf8(&bytes[frames[1] + 16..]).unwrap();
+    let lie = json.replace("\"dropped_voxels\":0", "\"dropped_voxels\":7");
+    assert_ne!(lie, json);
+    let checksum = XxHash3_64::oneshot_with_seed(1, lie.as_bytes()).to_le_bytes();
+    let frame = [b"OCTV\x01\0\0\0", &checksum[..], lie.as_bytes()].concat();
+    let mut damaged = bytes.clone();
+    for at in frames {
+        damaged[at..at + frame.len()].copy_from_slice(&frame);
+    }
+    bench.write("a.octavo", &damaged);
+    assert_eq!(bench.run("verify a.octavo").code, 1);
+    let said = bench.ok(&format!("repair a.octavo --against {SOURCE} --json")).json();
+    assert!(said["store"].as_str().unwrap().contains("sums"), "{said}");
+    assert!(std::fs::read(bench.path("a.octavo")).unwrap() == bytes, "every byte is as it was");
 }
 
 #[test]
