@@ -85,7 +85,7 @@ impl Letters {
         let mut before = None;
         text.chars().map(move |letter| {
             // What the font does not have is shown as its missing glyph.
-            let glyph = self.glyph_of.map(letter).unwrap_or(GlyphId::NOTDEF);
+            let glyph = self.glyph_of.map(letter).unwrap_or_default();
             let left = end + before.map_or(0.0, |before| self.kerning(before, glyph));
             end = left + self.advance(glyph);
             before = Some(glyph);
