@@ -11,7 +11,7 @@ use skrifa::instance::{LocationRef, Size};
 use skrifa::metrics::GlyphMetrics;
 use skrifa::outline::{DrawSettings, OutlinePen};
 use skrifa::raw::TableProvider;
-use skrifa::raw::tables::kern::SubtableKind;
+use skrifa::raw::tables::kern::{Subtable, SubtableKind};
 use skrifa::{FontRef, GlyphId, MetadataProvider, OutlineGlyphCollection};
 
 /// A font within this program.
@@ -85,7 +85,7 @@ impl Letters {
         let mut before = None;
         text.chars().map(move |letter| {
             // What the font does not have is shown as its missing glyph.
-            let glyph = self.glyph_of.map(letter).unwrap_or(GlyphId::NOTDEF);
+            let glyph = self.glyph_of.map(letter).unwrap_or_default();
             let left = end + before.map_or(0.0, |before| self.kerning(before, glyph));
             end = left + self.advance(glyph);
             before = Some(glyph);
@@ -99,12 +99,12 @@ impl Letters {
 
     fn kerning(&self, left: GlyphId, right: GlyphId) -> f32 {
         let units = self.font.kern().ok().and_then(|table| {
-            table.subtables().flatten().filter(|pairs| pairs.is_horizontal()).find_map(|pairs| {
-                match pairs.kind() {
+            table.subtables().flatten().filter(Subtable::is_horizontal).find_map(
+                |pairs| match pairs.kind() {
                     Ok(SubtableKind::Format0(pairs)) => pairs.kerning(left, right),
                     _ => None,
-                }
-            })
+                },
+            )
         });
         units.unwrap_or(0) as f32 * self.pixels_per_unit
     }
