@@ -1,5 +1,7 @@
 //! Files of given bytes, in memory where the system has such a place.
 
+use octree_store::Encoding;
+use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, convert};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
@@ -19,5 +21,19 @@ pub(crate) fn file(name: &str, bytes: &[u8]) -> (TempDir, PathBuf) {
     let folder = folder();
     let path = folder.path().join(name);
     std::fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+/// A folder that holds a small store, and the store's path.
+pub(crate) fn noise_store() -> (TempDir, PathBuf) {
+    let noise = (0..20 * 18 * 16_u32)
+        .flat_map(|i| ((2_654_435_761_u32.wrapping_mul(i) >> 13) as u16).to_le_bytes());
+    let (_raw, raw) = file("a_20x18x16_u16.raw", &noise.collect::<Vec<u8>>());
+    let source = Source::open(&raw, &SourceOptions::default()).unwrap();
+    let how =
+        ConvertOptions { brick_core: 8, encoding: Encoding::Lossless, ..ConvertOptions::default() };
+    let folder = folder();
+    let path = folder.path().join("a.octavo");
+    convert(&source, &path, &how, &NoProgress).unwrap();
     (folder, path)
 }

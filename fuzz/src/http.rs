@@ -1,7 +1,5 @@
 //! Requests to a server: it answers each with a status that fits, and the next one as well.
 
-use octree_store::Encoding;
-use preprocess::{ConvertOptions, NoProgress, Source, SourceOptions, convert};
 use serve::{Options, Server};
 use std::net::SocketAddr;
 use std::sync::{OnceLock, mpsc};
@@ -18,19 +16,7 @@ struct Running {
 fn running() -> &'static Running {
     static RUNNING: OnceLock<Running> = OnceLock::new();
     RUNNING.get_or_init(|| {
-        let folder = crate::files::folder();
-        let raw = folder.path().join("a_20x18x16_u16.raw");
-        let noise = (0..20 * 18 * 16_u32)
-            .flat_map(|i| ((2_654_435_761_u32.wrapping_mul(i) >> 13) as u16).to_le_bytes());
-        std::fs::write(&raw, noise.collect::<Vec<u8>>()).unwrap();
-        let source = Source::open(&raw, &SourceOptions::default()).unwrap();
-        let how = ConvertOptions {
-            brick_core: 8,
-            encoding: Encoding::Lossless,
-            ..ConvertOptions::default()
-        };
-        convert(&source, &folder.path().join("a.octavo"), &how, &NoProgress).unwrap();
-        std::fs::remove_file(&raw).unwrap();
+        let (folder, _) = crate::files::noise_store();
         let mut options = Options::new(vec![folder.path().to_owned()]);
         options.bind.set_port(0);
         let (tell, told) = mpsc::sync_channel(1);

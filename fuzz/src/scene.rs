@@ -1,7 +1,14 @@
 //! Transfer functions and cameras as JSON: what is taken can be used, and means the same when it is written and read again.
 
-use octree_store::loader::{Camera, Projection, TransferFunction, View};
+use crate::files::noise_store;
+use octree_store::Store;
+use octree_store::loader::{Camera, ControlPoint, Projection, TransferFunction, View};
 use render_check::transfer::TransferFile;
+use render_check::view::Look;
+use render_check::{CpuBackend, RenderError, Renderer, RendererOptions};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use tempfile::TempDir;
 
 /// A transfer function, plain or with a colour map.
 pub fn transfer(bytes: &[u8]) {
@@ -32,5 +39,28 @@ pub fn camera(bytes: &[u8]) {
     // A camera so far away that an f64 cannot hold a pixel may overflow; it must not be taken for one that sees something.
     if numbers.iter().all(|n| n.is_finite()) {
         assert!(fan.direction.iter().any(|c| *c != 0.0) || fan.parallel, "{view:?}");
+    }
+    draw(&View { size: [16, 12], ..view });
+}
+
+/// Draws a small store, or says why not.
+fn draw(view: &View) {
+    static STORE: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let (_, path) = STORE.get_or_init(noise_store);
+    let store = Store::open(path).unwrap();
+    let options = RendererOptions { threads: 1, ..RendererOptions::default() };
+    let slots = options.slots_for(store.geometry());
+    let backend = CpuBackend::new(store.geometry(), store.metadata().spacing_xyz, slots);
+    let points = [(0.0, 0.0), (65_535.0, 0.2)].map(|(value, extinction)| ControlPoint {
+        value,
+        color: [1.0; 3],
+        extinction,
+    });
+    let look = Look::new(TransferFunction::new(points.to_vec()).unwrap(), [0.0, 65_535.0]);
+    let mut renderer = Renderer::new(store, Box::new(backend), &options).unwrap();
+    match renderer.converge(view, &look, None, None) {
+        Ok(drawn) => assert!(drawn.converged && drawn.problems.is_empty(), "{view:?}"),
+        Err(RenderError::OutOfScale) => {}
+        Err(error) => panic!("{view:?}: {error}"),
     }
 }

@@ -5,8 +5,9 @@ use octree_store::encoding::{Coding, Compression, Filter};
 use octree_store::verify::verify;
 use octree_store::{
     BrickScratch, BrickState, Encoding, Geometry, Metadata, NodeKey, NodeRecord, SampleType, Store,
-    StoreError, StoreWriter, encode_samples, with_sample_type,
+    StoreError, StoreWriter, encode_samples, salvage, with_sample_type,
 };
+use std::path::Path;
 use twox_hash::{XxHash3_64, XxHash3_128};
 
 /// Bytes before the payloads, and what parts begin at a multiple of.
@@ -60,9 +61,12 @@ fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn open_and_read(bytes: &[u8]) {
-    let (_folder, path) = file("a.octavo", bytes);
-    // What is left of it is found in time, and no more is said of it here.
-    let _ = Store::open_remains(&path);
+    let (folder, path) = file("a.octavo", bytes);
+    if let Ok(remains) = Store::open_remains(&path)
+        && is_small(&remains)
+    {
+        save(&remains, folder.path());
+    }
     let Ok(store) = Store::open(&path) else { return };
     if !is_small(&store) {
         return;
@@ -88,6 +92,18 @@ fn open_and_read(bytes: &[u8]) {
 
 fn is_small(store: &Store) -> bool {
     store.geometry().bricks() <= 4096 && store.geometry().brick_samples() <= SAMPLES
+}
+
+/// Salvages what is left: of the new store all can be read but what is said to be lost.
+fn save(remains: &Store, folder: &Path) {
+    let [path, work] = ["saved.octavo", "saved.work"].map(|name| folder.join(name));
+    let writer = StoreWriter::create(&path, &work, Vec::new()).unwrap();
+    let salvaged = salvage(remains, writer, || true).unwrap().unwrap();
+    let saved = Store::open(&path).unwrap();
+    let report = verify(&saved, || true).unwrap().unwrap();
+    let [lost, damaged] = [&salvaged.lost, &report.damaged]
+        .map(|nodes| nodes.iter().map(|node| node.key).collect::<Vec<NodeKey>>());
+    assert_eq!(lost, damaged);
 }
 
 /// A brick's payload with a checksum that is right, as one who means harm would make it. Six bytes choose how it is said to be coded.

@@ -1,7 +1,7 @@
 //! What is whole of a damaged store, copied into a new one; the rest is marked as lost.
 //!
 //! A lost brick's record is kept where it is whole. Where it is not, its ranges are those of the nearest
-//! ancestor whose record is, or of the volume: they hold, so that a renderer's emptiness tests stay right.
+//! ancestor whose record is and fits the tree, or of the volume: they hold, so that a renderer's emptiness tests stay right.
 
 use crate::encoding::{Coding, Compression, Filter};
 use crate::error::{Damage, StoreError};
@@ -11,7 +11,7 @@ use crate::metadata::Metadata;
 use crate::record::{BrickState, NodeRecord, PayloadPlace};
 use crate::sample::Sample;
 use crate::store::{BrickScratch, Store, StoreWriter};
-use crate::verify::{DamagedNode, check_node};
+use crate::verify::{DamagedNode, check_node, check_place};
 use crate::with_sample_type;
 
 /// The metadata's option that holds the digest of the store of which a store with lost bricks was salvaged.
@@ -148,11 +148,12 @@ fn unknown(store: &Store, key: NodeKey) -> Result<NodeRecord, StoreError> {
     })
 }
 
-/// The range of the nearest ancestor whose record is whole, or of the volume.
+/// The range of the nearest ancestor whose record is whole and fits the tree, or of the volume.
 fn range_above(store: &Store, mut key: NodeKey) -> Result<(f64, f64), StoreError> {
     while key != store.geometry().root() {
         key = key.parent();
-        match store.node(key) {
+        let known = store.node(key).and_then(|record| check_place(store, &record).map(|()| record));
+        match known {
             Ok(record) => return Ok((record.subtree_min, record.subtree_max)),
             Err(StoreError::Damaged { .. }) => {}
             Err(other) => return Err(other),

@@ -40,7 +40,8 @@ impl Report {
 /// `None` where that says false.
 ///
 /// # Errors
-/// When the file cannot be read at all. Damage is no error: it stands in the report.
+/// When the file cannot be read at all. Damage is no error: it stands in the report, and so does what the disk does not
+/// give back.
 pub fn verify(store: &Store, go_on: impl FnMut() -> bool) -> Result<Option<Report>, StoreError> {
     with_sample_type!(store.metadata().sample_type, T => verify_typed::<T>(store, go_on))
 }
@@ -66,10 +67,7 @@ fn verify_typed<T: Sample>(
                         report.damaged.push(DamagedNode { key, damage: Damage::Lost });
                     }
                 }
-                Err(StoreError::Damaged { damage, .. }) => {
-                    report.damaged.push(DamagedNode { key, damage });
-                }
-                Err(other) => return Err(other),
+                Err(error) => report.damaged.push(DamagedNode { key, ..damaged_node(error)? }),
             }
             if !go_on() {
                 return Ok(None);
@@ -101,13 +99,21 @@ fn walk_levels(store: &Store, report: &mut Report) -> Result<(), StoreError> {
     for level in store.geometry().levels() {
         match store.visit_level(level, |_| true) {
             Ok(()) => {}
-            Err(StoreError::Damaged { key, damage, .. }) => {
-                report.damaged.push(DamagedNode { key, damage });
-            }
-            Err(other) => return Err(other),
+            Err(error) => report.damaged.push(damaged_node(error)?),
         }
     }
     Ok(())
+}
+
+/// What an error says of a node: that it is damaged, or that the disk does not give it back.
+fn damaged_node(error: StoreError) -> Result<DamagedNode, StoreError> {
+    match error {
+        StoreError::Damaged { key, damage, .. } => Ok(DamagedNode { key, damage }),
+        StoreError::Unreadable { key, source, .. } => {
+            Ok(DamagedNode { key, damage: Damage::Unreadable { what: source.to_string() } })
+        }
+        other => Err(other),
+    }
 }
 
 /// Reads a node, decodes its brick, and compares it with its children.
@@ -121,6 +127,20 @@ pub(crate) fn check_node<T: Sample>(
     samples: &mut [T],
 ) -> Result<NodeRecord, StoreError> {
     let record = store.node(key)?;
+    check_place(store, &record)?;
+    // Overlap that is assembled is looked at in the bricks it comes from.
+    if record.state != BrickState::Lost {
+        store.decode_brick_core(&record, scratch, samples)?;
+    }
+    Ok(record)
+}
+
+/// Holds a node's record against the geometry, itself, and those of its children that are whole.
+///
+/// # Errors
+/// [`StoreError::Damaged`] where it contradicts them.
+pub(crate) fn check_place(store: &Store, record: &NodeRecord) -> Result<(), StoreError> {
+    let key = record.key;
     let wrong = |what| Err(store.damaged(key, Damage::Tree { what }));
     if record.child_mask != store.geometry().child_mask(key) {
         return wrong("its child mask is not the geometry's");
@@ -136,20 +156,11 @@ pub(crate) fn check_node<T: Sample>(
     if has_payload != (record.place.length > 0) {
         return wrong("its state and its payload's length disagree");
     }
-    // Overlap that is assembled is looked at in the bricks it comes from.
-    if record.state != BrickState::Lost {
-        store.decode_brick_core(&record, scratch, samples)?;
-    }
-    let children = match store.children(key) {
-        Ok(children) => children,
-        // A damaged child is reported in its own place.
-        Err(StoreError::Damaged { .. }) => return Ok(record),
-        Err(other) => return Err(other),
-    };
-    for child in children.iter() {
+    // A damaged child is reported in its own place.
+    for child in store.whole_children(key)?.iter() {
         if record.subtree_min > child.subtree_min || record.subtree_max < child.subtree_max {
             return wrong("its subtree's range does not hold a child's");
         }
     }
-    Ok(record)
+    Ok(())
 }

@@ -17,6 +17,11 @@ const PAGE: usize = 4096;
 
 /// A store of 27 + 8 + 1 bricks of 8^3 without loss.
 fn make(folder: &Path) -> PathBuf {
+    make_with(folder, |_| (0.0, 65535.0))
+}
+
+/// The same, with records that say of the bricks beneath them what is told.
+fn make_with(folder: &Path, subtree: impl Fn(NodeKey) -> (f64, f64)) -> PathBuf {
     let path = folder.join("a.octavo");
     let geometry = Geometry::new([24, 24, 24], 8, 1).unwrap();
     let work = path.with_extension("work");
@@ -34,7 +39,7 @@ fn make(folder: &Path) -> PathBuf {
             .collect();
             let (mut record, payload) = encode_samples(key, &samples, Encoding::Lossless);
             record.child_mask = geometry.child_mask(key);
-            (record.subtree_min, record.subtree_max) = (0.0, 65535.0);
+            (record.subtree_min, record.subtree_max) = subtree(key);
             payloads.extend_from_slice(&payload);
             octet.push(record);
         }
@@ -115,6 +120,37 @@ fn of_a_disk_with_a_bad_page_all_else_is_saved() {
     let disk = Disk::watched(Arc::new(BadBytes(0..u64::MAX)));
     let nothing = Store::open_remains_on(&disk, &path);
     assert!(matches!(nothing, Err(StoreError::Io { .. })), "{nothing:?}");
+}
+
+#[test]
+fn what_contradicts_the_tree_is_lost_though_a_brick_beneath_it_is_lost_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let liar = NodeKey::new(1, [0; 3]);
+    let [gone, whole] = [NodeKey::new(0, [0; 3]), NodeKey::new(0, [1; 3])];
+    // It holds the range of its own brick, and not those of the bricks beneath it.
+    let path = make_with(folder.path(), |key| match key {
+        key if key == liar => (0.0, 65534.0),
+        _ => (0.0, 65535.0),
+    });
+    let mut bytes = std::fs::read(&path).unwrap();
+    let index = u64::from_le_bytes(bytes[24..32].try_into().unwrap()) as usize;
+    bytes[index + 60] ^= 1;
+    std::fs::write(&path, bytes).unwrap();
+    let remains = Store::open_remains(&path).unwrap();
+    let saved = folder.path().join("saved.octavo");
+    let writer = StoreWriter::create(&saved, &saved.with_extension("work"), vec![]).unwrap();
+    let salvaged = salvage(&remains, writer, || true).unwrap().unwrap();
+    let lost: Vec<NodeKey> = salvaged.lost.iter().map(|node| node.key).collect();
+    assert_eq!(lost, [gone, liar]);
+    let saved = Store::open(&saved).unwrap();
+    let report = verify::verify(&saved, || true).unwrap().unwrap();
+    let damaged: Vec<NodeKey> = report.damaged.iter().map(|node| node.key).collect();
+    assert_eq!((damaged, report.metadata), (lost, None));
+    // What is made up of a lost brick comes from what fits the tree.
+    for key in [gone, liar, whole] {
+        let record = saved.node(key).unwrap();
+        assert_eq!((record.subtree_min, record.subtree_max), (0.0, 65535.0), "{key}");
+    }
 }
 
 /// A metadata frame with a checksum that is right.

@@ -268,10 +268,15 @@ fn a_camera_out_of_all_scale_is_the_clients_to_change() {
     bench.scan("a.raw");
     bench.ok("convert a.raw --dims 40,33,20 --dtype u16");
     let server = Serving::new(&bench, "a.octavo --renderer cpu");
-    for (height, status) in [("1e300", "400"), ("50", "200")] {
-        let camera = format!(
+    let orthographic = |height: &str| {
+        format!(
             r#"{{"projection":"orthographic","position":[20,16,-40],"target":[20,16,10],"up":[0,-1,0],"height":{height}}}"#
-        );
+        )
+    };
+    let matrix = r#"{"projection":"matrix","clip_from_world":[[1,10,0,0],[1,1,0,0],[5,0,1,0],[0,0,3e-22,0]]}"#;
+    for (camera, status) in
+        [(orthographic("1e300"), "400"), (matrix.to_owned(), "400"), (orthographic("50"), "200")]
+    {
         let body = format!(r#"{{"camera":{camera},"size":[16,16]}}"#);
         let mut stream = TcpStream::connect(server.base.trim_start_matches("http://")).unwrap();
         let length = body.len();

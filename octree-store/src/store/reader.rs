@@ -111,15 +111,38 @@ impl Store {
     /// # Errors
     /// As [`Store::node`], for the node or any child.
     pub fn children(&self, parent: NodeKey) -> Result<Children, StoreError> {
+        self.children_or(parent, Err)
+    }
+
+    /// As [`Store::children`], without those that are damaged.
+    pub(crate) fn whole_children(&self, parent: NodeKey) -> Result<Children, StoreError> {
+        self.children_or(parent, |error| match error {
+            StoreError::Damaged { .. } => Ok(()),
+            other => Err(other),
+        })
+    }
+
+    /// The records of all children but those that `pass_over` passes over.
+    fn children_or(
+        &self,
+        parent: NodeKey,
+        pass_over: impl Fn(StoreError) -> Result<(), StoreError>,
+    ) -> Result<Children, StoreError> {
         let mut records = [None; 8];
         if !self.geometry.contains(parent) {
             return Err(StoreError::Absent { path: self.path.clone(), key: parent });
         }
         if parent.level() > 0 {
-            let group = self.group(parent)?;
+            let group = match self.group(parent) {
+                Ok(group) => group,
+                Err(error) => pass_over(error).map(|()| Vec::new())?,
+            };
             for (octant, child) in parent.children().into_iter().enumerate() {
                 if self.geometry.contains(child) {
-                    records[octant] = Some(self.record_in(&group, child)?);
+                    match self.record_in(&group, child) {
+                        Ok(record) => records[octant] = Some(record),
+                        Err(error) => pass_over(error)?,
+                    }
                 }
             }
         }

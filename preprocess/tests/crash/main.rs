@@ -8,13 +8,18 @@
 mod disk;
 
 use disk::{Fault, FaultyDisk, Left, Random};
-use octree_store::{Disk, Encoding, Store, StoreError, verify};
+use octree_store::verify::{self, DamagedNode};
+use octree_store::{Damage, Disk, Encoding, Operation, Store, StoreError, Watch};
 use preprocess::{
     Conversion, ConvertOptions, NoProgress, PreprocessError, Source, SourceOptions, Start, convert,
 };
 use std::collections::BTreeMap;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+const PAGE: u64 = 4096;
 
 /// A small source, a folder for stores, and the digest of what comes of an undisturbed conversion.
 struct Bench {
@@ -219,7 +224,7 @@ fn a_power_cut_at_any_operation_loses_nothing_that_was_committed() {
     assert!(count(&outcomes, "resumed") > 0 && count(&outcomes, "complete") > 0);
 }
 
-/// What a reader is told where the disk fails while it reads: an error, or what is right.
+/// What a reader is told where the disk fails while it reads: that it cannot be read, or what is right.
 #[test]
 fn a_read_that_fails_is_an_error_and_no_damage() {
     let bench = Bench::new();
@@ -227,31 +232,104 @@ fn a_read_that_fails_is_an_error_and_no_damage() {
     let whole = Store::open(&bench.store).unwrap();
     let region = octree_store::Region::whole([40, 33, 30]);
     let right = whole.read_region::<u16>(0, region).unwrap();
-    let (mut at, mut failed, mut named) = (1, 0, Vec::new());
+    let (mut at, mut failed) = (1, 0);
+    let (mut listed, mut named) = (Vec::new(), Vec::new());
+    let is_unreadable = |node: &DamagedNode| matches!(node.damage, Damage::Unreadable { .. });
     loop {
         let faulty = FaultyDisk::new(&bench.stores, Some((at, Fault::Fails)));
         let disk = faulty.disk();
         let read = Store::open_on(&disk, &bench.store).and_then(|store| {
             let report = verify::verify(&store, || true)?.unwrap();
-            assert!(report.is_ok(), "{at}: {report:?}");
-            store.read_region::<u16>(0, region)
+            assert!(report.damaged.iter().all(is_unreadable), "{at}: {report:?}");
+            assert_eq!(report.metadata, None, "{at}");
+            Ok((report.damaged, store.read_region::<u16>(0, region)?))
         });
         if !faulty.was_reached() {
-            assert!(read.unwrap() == right);
+            let (none, read) = read.unwrap();
+            assert!(none.is_empty() && read == right);
             break;
         }
         match read {
-            // It was opening then.
+            // It was opening then, or looking for the second metadata.
             Err(StoreError::Io { .. }) => {}
+            Ok((unreadable, read)) => {
+                assert!(unreadable.len() == 1 && read == right, "{at}: {unreadable:?}");
+                listed.push(unreadable[0].key);
+            }
             Err(StoreError::Unreadable { key, .. }) => named.push(key),
             other => panic!("{at}: {:?}", other.map(drop)),
         }
         failed += 1;
         at += 1 + at / 20;
     }
-    assert!(failed > 50 && failed - named.len() < 10, "{failed}, {} of a brick", named.len());
+    let told = listed.len() + named.len();
+    assert!(failed > 50 && failed - told < 10, "{failed}, {told} of a brick");
+    listed.dedup();
     named.dedup();
-    assert!(named.len() > 30, "{named:?}");
+    assert!(listed.len() > 20 && named.len() > 10, "{listed:?}, {named:?}");
+}
+
+/// A disk that never gives a page of the store back.
+#[derive(Debug)]
+struct BadPage {
+    store: PathBuf,
+    page: u64,
+}
+
+impl Watch for BadPage {
+    fn before(&self, operation: Operation<'_>) -> io::Result<()> {
+        match operation {
+            Operation::Read { path, offset, bytes }
+                if path == self.store
+                    && offset < (self.page + 1) * PAGE
+                    && self.page * PAGE < offset + bytes as u64 =>
+            {
+                // EIO.
+                Err(io::Error::from_raw_os_error(5))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[test]
+fn what_a_disk_does_not_give_back_is_listed_and_repaired() {
+    let bench = Bench::new();
+    bench.convert(Disk::default(), Start::Fresh).unwrap();
+    let whole = fs::read(&bench.store).unwrap();
+    let mut listed = 0;
+    for page in 0..(whole.len() as u64).div_ceil(PAGE) {
+        let disk = Disk::watched(Arc::new(BadPage { store: bench.store.clone(), page }));
+        let remains = Store::open_remains_on(&disk, &bench.store).unwrap();
+        // A page has parts of a few payloads, or of 35 records.
+        let unreadable = unreadable(&remains);
+        assert!(unreadable <= 35, "page {page}: {unreadable}");
+        // Who opens it as if it were whole is told the same.
+        let opened = Store::open_on(&disk, &bench.store);
+        if let Ok(store) = &opened {
+            match verify::verify(store, || true) {
+                Ok(report) => {
+                    let report = report.unwrap();
+                    let is_unreadable =
+                        |node: &DamagedNode| matches!(node.damage, Damage::Unreadable { .. });
+                    assert!(report.damaged.iter().all(is_unreadable), "page {page}: {report:?}");
+                    // Records are read together with those of their siblings, and hold those of their parents.
+                    assert!(report.damaged.len() >= unreadable, "page {page}: {report:?}");
+                    listed += report.damaged.len();
+                }
+                // The second metadata.
+                Err(error) => assert!(unreadable == 0, "page {page}: {error}"),
+            }
+        }
+        let source = Source::open(bench.source.files[0].clone(), &SourceOptions::default());
+        let how = ConvertOptions { threads: 1, ..ConvertOptions::default() };
+        let repair = preprocess::repair(&remains, source.unwrap(), &how, &NoProgress).unwrap();
+        assert_eq!((repair.repaired.len(), repair.in_place), (unreadable, false), "page {page}");
+        assert!(unreadable > 0 || repair.around.is_some(), "page {page}");
+        assert!(fs::read(&bench.store).unwrap() == whole, "page {page}: other bytes");
+        assert_eq!(bench.names(), ["a.octavo"], "page {page}");
+    }
+    assert!(listed > 40, "{listed}");
 }
 
 /// How a store is damaged before it is repaired.

@@ -126,24 +126,21 @@ impl Frame {
         if frame.is_in_scale() { Ok(frame) } else { Err(RenderError::OutOfScale) }
     }
 
-    /// Whether all numbers of all rays are finite. A ray of others has neither end nor direction, and would be followed
-    /// for ever.
+    /// Whether all rays have numbers that f32 holds, squares of lengths among them. A ray of others has neither end nor
+    /// direction, and would be followed for ever. What is greatest of a ray is so at a corner of the image.
     fn is_in_scale(&self) -> bool {
-        let moderate = |v: &[f32; 3]| v.iter().all(|c| c.abs() < 1e30);
-        let vectors = [
-            &self.origin_frac,
-            &self.origin_across,
-            &self.origin_down,
-            &self.direction,
-            &self.direction_across,
-            &self.direction_down,
-        ];
+        let moderate = |v: f32| v.abs() < 1e30;
+        let starts = [self.origin_frac, self.origin_across, self.origin_down];
         let [right, bottom] = self.size.map(|n| n.saturating_sub(1));
-        vectors.into_iter().all(moderate)
-            && self.plane.abs() < 1e30
-            && [[0, 0], [right, 0], [0, bottom], [right, bottom], [right / 2, bottom / 2]]
-                .into_iter()
-                .all(|pixel| moderate(&ray_of(self, pixel, f32::MAX).step.to_array()))
+        let corners = [[0, 0], [right, 0], [0, bottom], [right, bottom]];
+        starts.into_iter().flatten().all(moderate)
+            && self.spacing.iter().all(|side| (1e-14..=1e14).contains(side))
+            && moderate(self.plane)
+            && corners.into_iter().map(|pixel| ray_of(self, pixel, f32::MAX)).all(|ray| {
+                moderate(ray.world_before)
+                    && moderate(ray.depth_step)
+                    && (ray.step.length() / self.step_voxels - 1.0).abs() < 0.01
+            })
     }
 }
 

@@ -37,6 +37,9 @@ pub(super) struct Station {
     pub(super) part: f32,
 }
 
+/// The square of a direction's length below which it is none.
+const NOWHERE: f32 = 1e-30;
+
 pub(super) fn ray_of(frame: &Frame, pixel: [u32; 2], end: f32) -> Ray {
     let vec = Vec3::from_array;
     let x = pixel[0] as f32 + 0.5 - frame.size[0] as f32 * 0.5;
@@ -45,7 +48,8 @@ pub(super) fn ray_of(frame: &Frame, pixel: [u32; 2], end: f32) -> Ray {
         vec(frame.origin_frac) + x * vec(frame.origin_across) + y * vec(frame.origin_down);
     let towards =
         vec(frame.direction) + x * vec(frame.direction_across) + y * vec(frame.direction_down);
-    let length = towards.dot(towards).sqrt();
+    let squared = towards.dot(towards);
+    let length = squared.sqrt();
     let step = towards * (frame.step_voxels / length);
     let world_step = step * vec(frame.spacing);
     let world = world_step.dot(world_step).sqrt();
@@ -71,6 +75,10 @@ pub(super) fn ray_of(frame: &Frame, pixel: [u32; 2], end: f32) -> Ray {
             enter = enter.max(a.min(b));
             leave = leave.min(a.max(b));
         }
+    }
+    // A pixel between others that look opposite ways looks nowhere.
+    if squared < NOWHERE {
+        leave = -1.0;
     }
     let offset = place_of(from_cell);
     Ray {
@@ -107,4 +115,28 @@ pub(super) fn between(from: Station, to: Station) -> f32 {
 
 pub(super) fn is_before(a: Station, b: Station) -> bool {
     a.index < b.index || (a.index == b.index && a.part < b.part)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn a_pixel_that_looks_nowhere_misses_and_its_neighbours_do_not() {
+        let frame = Frame {
+            size: [3, 1],
+            step_voxels: 0.5,
+            spacing: [1.0; 3],
+            direction_across: [1.0, 0.0, 0.0],
+            origin_cell: [4; 3],
+            clip_max_cell: [8; 3],
+            ..Frame::zeroed()
+        };
+        let reach = [0, 1, 2].map(|x| {
+            let ray = ray_of(&frame, [x, 0], f32::INFINITY);
+            (ray.enter, ray.leave)
+        });
+        assert_eq!(reach, [(0.0, 8.0), (0.0, -1.0), (0.0, 8.0)]);
+    }
 }

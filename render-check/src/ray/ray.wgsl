@@ -19,12 +19,15 @@ struct Station {
     part: f32,
 }
 
+const NOWHERE = 1e-30;
+
 fn ray_of(pixel: vec2<u32>, end: f32) -> Ray {
     let x = f32(pixel.x) + 0.5 - f32(frame.size.x) * 0.5;
     let y = f32(pixel.y) + 0.5 - f32(frame.size.y) * 0.5;
     let from_cell = frame.origin_frac + x * frame.origin_across + y * frame.origin_down;
     let towards = frame.direction + x * frame.direction_across + y * frame.direction_down;
-    let length = sqrt(dot(towards, towards));
+    let squared = dot(towards, towards);
+    let length = sqrt(squared);
     let step = towards * (frame.step_voxels / length);
     let world_step = step * frame.spacing;
     let world = sqrt(dot(world_step, world_step));
@@ -45,6 +48,9 @@ fn ray_of(pixel: vec2<u32>, end: f32) -> Ray {
             enter = max(enter, min(a, b));
             leave = min(leave, max(a, b));
         }
+    }
+    if squared < NOWHERE {
+        leave = -1.0;
     }
     let offset = place_of(from_cell);
     var ray: Ray;

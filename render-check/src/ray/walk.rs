@@ -69,5 +69,5 @@ pub(super) fn exit_index(
             steps = steps.min((face - at[axis]) / ray.step[axis]);
         }
     }
-    index + (part + steps).ceil().clamp(1.0, 1e9) as i32
+    index.saturating_add((part + steps).ceil().clamp(1.0, 1e9) as i32)
 }

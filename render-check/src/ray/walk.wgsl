@@ -47,5 +47,5 @@ fn exit_index(node: Node, ray: Ray, place: Place, index: i32, part: f32) -> i32 
             steps = min(steps, (face - at[axis]) / ray.step[axis]);
         }
     }
-    return index + i32(clamp(ceil(part + steps), 1.0, 1e9));
+    return index + min(i32(clamp(ceil(part + steps), 1.0, 1e9)), 2147483647 - index);
 }

@@ -233,6 +233,14 @@ fn views_out_of_all_scale_are_refused_and_not_drawn_for_ever() {
         let refused = drawn(spacing, &orthographic(50.0));
         assert!(matches!(refused, Err(RenderError::OutOfScale)), "{spacing}: {refused:?}");
     }
+    // Its rays have directions whose squares no f32 holds.
+    let clip_from_world =
+        [[1.0, 10.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0], [5.0, 0.0, 1.0, 0.0], [0.0, 0.0, 3e-22, 0.0]];
+    let camera = Camera::new(CameraJson::Matrix { clip_from_world }).unwrap();
+    for size in [[16, 12], [1, 1]] {
+        let refused = drawn(1.0, &View::new(camera.clone(), size).unwrap());
+        assert!(matches!(refused, Err(RenderError::OutOfScale)), "{size:?}: {refused:?}");
+    }
     for (spacing, height) in [(1.0, 1e9), (1.0, 1e-9), (1e-9, 50.0), (1e9, 50.0)] {
         drawn(spacing, &orthographic(height)).unwrap();
     }
