@@ -67,15 +67,12 @@ fn verify_typed<T: Sample>(
                         report.damaged.push(DamagedNode { key, damage: Damage::Lost });
                     }
                 }
-                Err(error) => report.damaged.push(DamagedNode { key, ..damaged_node(error)? }),
+                Err(error) => report.damaged.push(DamagedNode { key, damage: damage_of(error)? }),
             }
             if !go_on() {
                 return Ok(None);
             }
         }
-    }
-    if report.damaged.is_empty() {
-        walk_levels(store, &mut report)?;
     }
     // A lost brick's record says so, and counts.
     if report.damaged.iter().all(|node| node.damage == Damage::Lost) {
@@ -94,23 +91,12 @@ fn verify_typed<T: Sample>(
     Ok(Some(report))
 }
 
-/// Reads the records once more, level by level: that is another way to them.
-fn walk_levels(store: &Store, report: &mut Report) -> Result<(), StoreError> {
-    for level in store.geometry().levels() {
-        match store.visit_level(level, |_| true) {
-            Ok(()) => {}
-            Err(error) => report.damaged.push(damaged_node(error)?),
-        }
-    }
-    Ok(())
-}
-
 /// What an error says of a node: that it is damaged, or that the disk does not give it back.
-fn damaged_node(error: StoreError) -> Result<DamagedNode, StoreError> {
+fn damage_of(error: StoreError) -> Result<Damage, StoreError> {
     match error {
-        StoreError::Damaged { key, damage, .. } => Ok(DamagedNode { key, damage }),
-        StoreError::Unreadable { key, source, .. } => {
-            Ok(DamagedNode { key, damage: Damage::Unreadable { what: source.to_string() } })
+        StoreError::Damaged { damage, .. } => Ok(damage),
+        StoreError::Unreadable { source, .. } => {
+            Ok(Damage::Unreadable { what: source.to_string() })
         }
         other => Err(other),
     }

@@ -2,52 +2,18 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod noise;
+
+use noise::{PAGE, change_record, frame, index_offset, make, make_with, metadata_of};
 use octree_store::{
-    BrickScratch, Damage, Disk, Encoding, Geometry, Mender, Metadata, NodeKey, Operation, Region,
-    SampleType, Store, StoreError, StoreWriter, Watch, encode_samples, salvage, verify,
+    BrickScratch, BrickState, Damage, Disk, Mender, Metadata, NodeKey, NodeRecord, Operation,
+    Region, SALVAGED_OF, Salvaged, Store, StoreError, StoreWriter, Watch, salvage, verify,
 };
 use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use twox_hash::XxHash3_64;
-
-const PAGE: usize = 4096;
-
-/// A store of 27 + 8 + 1 bricks of 8^3 without loss.
-fn make(folder: &Path) -> PathBuf {
-    make_with(folder, |_| (0.0, 65535.0))
-}
-
-/// The same, with records that say of the bricks beneath them what is told.
-fn make_with(folder: &Path, subtree: impl Fn(NodeKey) -> (f64, f64)) -> PathBuf {
-    let path = folder.join("a.octavo");
-    let geometry = Geometry::new([24, 24, 24], 8, 1).unwrap();
-    let work = path.with_extension("work");
-    let mut writer = StoreWriter::create(&path, &work, Vec::new()).unwrap();
-    let mut next = 1_u32;
-    for parent in geometry.levels().flat_map(|level| geometry.parents_of(level)) {
-        let mut payloads = Vec::new();
-        let mut octet = Vec::new();
-        for key in parent.children().into_iter().filter(|key| geometry.contains(*key)) {
-            let samples: Vec<u16> = std::iter::repeat_with(|| {
-                next = next.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                (next >> 16) as u16
-            })
-            .take(geometry.brick_samples())
-            .collect();
-            let (mut record, payload) = encode_samples(key, &samples, Encoding::Lossless);
-            record.child_mask = geometry.child_mask(key);
-            (record.subtree_min, record.subtree_max) = subtree(key);
-            payloads.extend_from_slice(&payload);
-            octet.push(record);
-        }
-        writer.append(&mut octet, &payloads, Vec::new()).unwrap();
-    }
-    writer.finish(Metadata::new(&geometry, SampleType::U16, Encoding::Lossless)).unwrap();
-    path
-}
 
 /// A disk on which some bytes of the store can no longer be read.
 #[derive(Debug)]
@@ -99,9 +65,8 @@ fn of_a_disk_with_a_bad_page_all_else_is_saved() {
                 Err(error) => panic!("page {page}: {key}: {error}"),
             }
         }
-        let saved = folder.path().join(format!("{page}.octavo"));
-        let writer = StoreWriter::create(&saved, &saved.with_extension("work"), vec![]).unwrap();
-        let salvaged = salvage(&remains, writer, || true).unwrap().unwrap();
+        let (saved, salvaged) = save(&remains, folder.path());
+        assert_all_else_is_whole(&saved);
         assert_eq!(salvaged.lost, report.damaged, "page {page}");
         // A page has parts of six payloads of 2,000 bytes at most, or of 35 records.
         assert!(salvaged.lost.len() <= 35, "page {page}: {}", salvaged.lost.len());
@@ -122,30 +87,55 @@ fn of_a_disk_with_a_bad_page_all_else_is_saved() {
     assert!(matches!(nothing, Err(StoreError::Io { .. })), "{nothing:?}");
 }
 
+/// What is left of a store, saved beside it; and which bricks `verify` finds lost then.
+fn save(remains: &Store, folder: &Path) -> (Store, Salvaged) {
+    let path = folder.join("saved.octavo");
+    let _ = std::fs::remove_file(&path);
+    let work = path.with_extension("work");
+    let _ = std::fs::remove_file(&work);
+    let writer = StoreWriter::create(&path, &work, vec![]).unwrap();
+    let salvaged = salvage(remains, writer, || true).unwrap().unwrap();
+    let saved = Store::open(&path).unwrap();
+    let report = verify::verify(&saved, || true).unwrap().unwrap();
+    assert_eq!(report.metadata, None);
+    assert_eq!(keys_of(&report.damaged), keys_of(&salvaged.lost));
+    (saved, salvaged)
+}
+
+/// What is lost fits the tree as what is whole does.
+fn assert_all_else_is_whole(saved: &Store) {
+    let report = verify::verify(saved, || true).unwrap().unwrap();
+    assert!(report.damaged.iter().all(|node| node.damage == Damage::Lost), "{report:?}");
+}
+
+fn keys_of(damaged: &[verify::DamagedNode]) -> Vec<NodeKey> {
+    damaged.iter().map(|node| node.key).collect()
+}
+
+/// Flips a bit of a record.
+fn damage_record(path: &Path, key: NodeKey) {
+    let rank = Store::open(path).unwrap().geometry().rank(key) as usize;
+    let mut bytes = std::fs::read(path).unwrap();
+    let index = index_offset(&bytes);
+    bytes[index + rank * NodeRecord::BYTES + 60] ^= 1;
+    std::fs::write(path, bytes).unwrap();
+}
+
 #[test]
 fn what_contradicts_the_tree_is_lost_though_a_brick_beneath_it_is_lost_too() {
     let folder = tempfile::tempdir().unwrap();
     let liar = NodeKey::new(1, [0; 3]);
     let [gone, whole] = [NodeKey::new(0, [0; 3]), NodeKey::new(0, [1; 3])];
+    let path = make(folder.path());
     // It holds the range of its own brick, and not those of the bricks beneath it.
-    let path = make_with(folder.path(), |key| match key {
-        key if key == liar => (0.0, 65534.0),
-        _ => (0.0, 65535.0),
+    change_record(&path, liar, |record| {
+        (record.subtree_min, record.subtree_max) = (record.brick_min, record.brick_max - 1.0);
+        record.brick_max -= 1.0;
     });
-    let mut bytes = std::fs::read(&path).unwrap();
-    let index = u64::from_le_bytes(bytes[24..32].try_into().unwrap()) as usize;
-    bytes[index + 60] ^= 1;
-    std::fs::write(&path, bytes).unwrap();
-    let remains = Store::open_remains(&path).unwrap();
-    let saved = folder.path().join("saved.octavo");
-    let writer = StoreWriter::create(&saved, &saved.with_extension("work"), vec![]).unwrap();
-    let salvaged = salvage(&remains, writer, || true).unwrap().unwrap();
-    let lost: Vec<NodeKey> = salvaged.lost.iter().map(|node| node.key).collect();
-    assert_eq!(lost, [gone, liar]);
-    let saved = Store::open(&saved).unwrap();
-    let report = verify::verify(&saved, || true).unwrap().unwrap();
-    let damaged: Vec<NodeKey> = report.damaged.iter().map(|node| node.key).collect();
-    assert_eq!((damaged, report.metadata), (lost, None));
+    damage_record(&path, gone);
+    let (saved, salvaged) = save(&Store::open_remains(&path).unwrap(), folder.path());
+    assert_eq!(keys_of(&salvaged.lost), [gone, liar]);
+    assert_all_else_is_whole(&saved);
     // What is made up of a lost brick comes from what fits the tree.
     for key in [gone, liar, whole] {
         let record = saved.node(key).unwrap();
@@ -153,17 +143,55 @@ fn what_contradicts_the_tree_is_lost_though_a_brick_beneath_it_is_lost_too() {
     }
 }
 
-/// A metadata frame with a checksum that is right.
-fn frame(json: &str) -> Vec<u8> {
-    let checksum = XxHash3_64::oneshot_with_seed(1, json.as_bytes());
-    [b"OCTV\x01\0\0\0", &checksum.to_le_bytes()[..], json.as_bytes()].concat()
-}
-
-/// The metadata of a whole store, as they stand in its file.
-fn metadata_of(path: &Path) -> String {
-    let bytes = std::fs::read(path).unwrap();
-    let at = bytes.windows(4).rposition(|window| window == b"OCTV").unwrap();
-    String::from_utf8(bytes[at + 16..].to_vec()).unwrap()
+#[test]
+fn of_a_brick_of_which_nothing_is_left_the_volume_says_what_holds() {
+    type Change = fn(&mut Metadata);
+    let cases: [(Change, (f64, f64)); 6] = [
+        (|m| (m.value_min, m.value_max) = (None, None), (0.0, 0.0)),
+        (|m| (m.value_min, m.value_max) = (Some(10.0), Some(20.0)), (10.0, 20.0)),
+        // A brick of no number has the range 0..0.
+        (|m| (m.value_min, m.value_max, m.nan_count) = (Some(10.0), Some(20.0), 3), (0.0, 20.0)),
+        (|m| (m.value_min, m.value_max, m.inf_count) = (Some(-20.0), Some(-10.0), 1), (-20.0, 0.0)),
+        (
+            |m| {
+                (m.value_min, m.value_max) = (Some(10.0), Some(20.0));
+                m.options.insert("nan_value".into(), 500.into());
+            },
+            (10.0, 500.0),
+        ),
+        (
+            |m| {
+                (m.value_min, m.value_max) = (Some(10.0), Some(20.0));
+                (m.empty_below, m.empty_value) = (Some(12.0), -7.0);
+            },
+            (-7.0, 20.0),
+        ),
+    ];
+    for (change, (min, max)) in cases {
+        let folder = tempfile::tempdir().unwrap();
+        let path = make_with(folder.path(), change);
+        let whole = Store::open(&path).unwrap();
+        let geometry = *whole.geometry();
+        let [root, corner] = [geometry.root(), NodeKey::new(0, [2; 3])];
+        // Without what lies between a corner's brick and the root, both are known by the volume alone.
+        for key in [root, NodeKey::new(1, [1; 3]), corner] {
+            damage_record(&path, key);
+        }
+        let (saved, salvaged) = save(&Store::open_remains(&path).unwrap(), folder.path());
+        assert_eq!(salvaged.metadata.options[SALVAGED_OF], whole.metadata().digest);
+        for (key, bound) in [(root, max - min), (corner, 0.0)] {
+            let record = saved.node(key).unwrap();
+            assert_eq!(record.state, BrickState::Lost);
+            assert_eq!((record.brick_min, record.brick_max), (min, max), "{key}");
+            assert_eq!((record.subtree_min, record.subtree_max), (min, max), "{key}");
+            assert_eq!((record.lod_rms_bound, record.lod_amax_bound), (bound, bound), "{key}");
+        }
+        // Saved once more, it is still that store's.
+        let once_more = folder.path().join("once-more");
+        std::fs::create_dir_all(&once_more).unwrap();
+        let (_, again) = save(&saved, &once_more);
+        assert_eq!(again.metadata.options[SALVAGED_OF], whole.metadata().digest);
+    }
 }
 
 #[test]

@@ -30,7 +30,7 @@ def until(what, found, seconds=60):
 
 display, told = os.pipe()
 server = subprocess.Popen(
-    ["Xvfb", "-displayfd", str(told), "-screen", "0", "800x600x24", "-nolisten", "tcp"],
+    ["Xvfb", "-displayfd", str(told), "-screen", "0", "800x600x24", "-nolisten", "tcp", "-noreset"],
     pass_fds=[told], stderr=subprocess.DEVNULL,
 )
 os.close(told)
