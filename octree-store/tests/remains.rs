@@ -243,9 +243,56 @@ fn a_file_full_of_beginnings_is_searched_in_time() {
     let long = frame(&json.replacen('{', &note, 1));
     let mut bytes = std::fs::read(&path).unwrap();
     bytes[..PAGE].fill(0);
+    while let Some(at) = bytes.windows(4).position(|window| window == b"OCTV") {
+        bytes[at..at + 4].fill(0);
+    }
     bytes.splice(PAGE..PAGE, long);
     std::fs::write(&path, &bytes).unwrap();
     assert_eq!(Store::open_remains(&path).unwrap().metadata().dims_xyz, [24, 24, 24]);
+}
+
+#[test]
+fn a_record_that_is_not_the_one_that_was_found_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = make(folder.path());
+    assert_eq!(Store::open_remains(&path).unwrap().fault_around_records(), None);
+    let whole = std::fs::read(&path).unwrap();
+    let index = index_offset(&whole);
+    // Another record of the second brick in the place of the first one's, which comes before its own.
+    let [first, second] =
+        [0, 1].map(|rank| index + rank * NodeRecord::BYTES..index + (rank + 1) * NodeRecord::BYTES);
+    let mut record = NodeRecord::from_bytes(&whole[second]).unwrap();
+    record.lod_amax_bound = 1.0;
+    let mut bytes = whole;
+    bytes[first].copy_from_slice(&record.to_bytes());
+    std::fs::write(&path, &bytes).unwrap();
+    let told = Store::open_remains(&path).unwrap().fault_around_records();
+    assert_eq!(told.as_deref(), Some("records have changed places"));
+}
+
+#[test]
+fn no_payload_but_the_one_that_was_there_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = make(folder.path());
+    let whole = std::fs::read(&path).unwrap();
+    let store = Store::open(&path).unwrap();
+    let record = store.node(NodeKey::new(0, [1; 3])).unwrap();
+    let mut scratch = BrickScratch::default();
+    let payload = store.read_payload(&record, &mut scratch).unwrap();
+    let at = PAGE + record.place.offset as usize;
+    let mut damaged = whole.clone();
+    damaged[at] ^= 1;
+    std::fs::write(&path, &damaged).unwrap();
+    let mender = Mender::open(&store).unwrap();
+    let mut other = payload.to_vec();
+    other[7] ^= 1;
+    for wrong in [&other[..], &payload[1..], &[]] {
+        assert!(!mender.write(&record, wrong).unwrap());
+        assert!(std::fs::read(&path).unwrap() == damaged);
+    }
+    assert!(mender.write(&record, payload).unwrap());
+    mender.finish().unwrap();
+    assert!(std::fs::read(&path).unwrap() == whole);
 }
 
 #[test]

@@ -155,7 +155,7 @@ fn a_store_is_not_repaired_from_another_source() {
         }
         damaged
     };
-    for damaged in [payload_gone, of(0, [2, 1, 1]), of(0, [4, 4, 2])] {
+    for damaged in [payload_gone.clone(), of(0, [2, 1, 1]), of(0, [4, 4, 2])] {
         bench.write("a.octavo", &damaged);
         let said = bench.run(&format!("repair a.octavo --against {source}"));
         assert_eq!(said.code, 2, "{}{}", said.out, said.err);
@@ -166,6 +166,39 @@ fn a_store_is_not_repaired_from_another_source() {
         bench.ok(&format!("repair a.octavo --against {SOURCE}"));
         bench.ok("verify a.octavo");
     }
+    // Voxels of one cell change places, so that all levels above stay what they were; or one is greater than any was.
+    let own = std::fs::read(bench.path(SOURCE)).unwrap();
+    let mut swapped = own.clone();
+    for byte in 0..2 {
+        swapped.swap(voxel(18, 10, 10) + byte, voxel(19, 11, 11) + byte);
+    }
+    assert_ne!(swapped, own);
+    let mut greater = own.clone();
+    greater[voxel(19, 11, 11)..][..2].fill(0xff);
+    // Or they lie further apart, and have the mean that they had.
+    let mut apart = own;
+    for (at, change) in [(voxel(18, 10, 10), -9), (voxel(19, 11, 11), 9)] {
+        let value = i16::from_le_bytes(apart[at..at + 2].try_into().unwrap()) + change;
+        apart[at..at + 2].copy_from_slice(&value.to_le_bytes());
+    }
+    for (other, damaged, what) in [
+        (&swapped, &payload_gone, "what was made anew does not give the digest that it had"),
+        (&swapped, &of(0, [4, 4, 2]), "level 0 brick 2,1,1: it does not match the source"),
+        (
+            &greater,
+            &payload_gone,
+            "brick 2,1,1: it does not match the source: its range is not that of the source's voxels",
+        ),
+        (&apart, &of(0, [2, 1, 1]), "what it says of the bricks beneath it is not so"),
+    ] {
+        bench.write(source, other);
+        bench.write("a.octavo", damaged);
+        let said = bench.run(&format!("repair a.octavo --against {source}"));
+        assert_eq!(said.code, 2, "{}{}", said.out, said.err);
+        assert!(said.err.contains(what), "{}", said.err);
+        assert!(std::fs::read(bench.path("a.octavo")).unwrap() == *damaged, "it is as it was");
+    }
+    bench.write("a.octavo", &bytes);
     bench.write("small_8x8x8_u16.raw", &[0; 1024]);
     assert_eq!(bench.run("repair a.octavo --against small_8x8x8_u16.raw").code, 2);
     // What other work has left is not touched unasked.

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 /// Make the damaged bricks of a store anew, from the source it was made from
 ///
 /// Damaged payloads are put right in place. Where records or the index are damaged too, the store is written anew
-/// beside itself, which takes its space once more, and replaces it at the end. Where it was not made from this
+/// beside itself, which takes its space once more, and replaces it at the end; other names of the old file
+/// (hard links) keep the old one. Where it was not made from this
 /// source, nothing is changed (exit code 2).
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \

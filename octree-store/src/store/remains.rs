@@ -155,14 +155,13 @@ fn search(file: &DiskFile, begin: u64, end: u64) -> Remains {
         Remains { metadata: None, places: Vec::new(), end_of_payloads: 0, unreadable: None };
     let mut block = vec![0; BLOCK + NodeRecord::BYTES];
     let mut start = begin;
-    // What begins in a block may end in the next one.
-    let mut skip = 0;
     while start < end {
         let there = (end - start).min(block.len() as u64) as usize;
         if let Err(error) = read_what_can_be(file, &mut block[..there], start) {
             remains.unreadable = Some(error);
         }
-        let mut at = skip;
+        // What begins in a block may end in the next one.
+        let mut at = 0;
         while at < there.min(BLOCK) {
             let bytes = &block[at..there];
             if let Some(record) = record_at(bytes) {
@@ -179,7 +178,6 @@ fn search(file: &DiskFile, begin: u64, end: u64) -> Remains {
             }
             at += 1;
         }
-        skip = at - there.min(BLOCK);
         start += BLOCK as u64;
     }
     remains
@@ -233,12 +231,34 @@ fn metadata_at(file: &DiskFile, at: u64, end: u64) -> io::Result<Option<(Metadat
         match values.next() {
             Some(Ok(_)) => {
                 bytes.truncate(metadata::FRAME_BYTES + values.byte_offset());
-                let metadata = Metadata::from_bytes(&bytes).ok().filter(|known| known.complete);
+                let metadata = Metadata::from_bytes(&bytes).ok();
                 return Ok(metadata.map(|known| (known, bytes.split_off(metadata::FRAME_BYTES))));
             }
             // It may go on behind what was read.
             Some(Err(error)) if error.is_eof() && there < most => wanted *= 2,
             _ => return Ok(None),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::encoding::{Encoding, encode_samples};
+
+    #[test]
+    fn a_record_is_found_wherever_it_lies() {
+        let [key, other] = [NodeKey::new(0, [3, 1, 2]), NodeKey::new(1, [0; 3])];
+        let record = |key| encode_samples(key, &[7_u16; 27], Encoding::Lossless).0.to_bytes();
+        for at in [0, 1, BLOCK - NodeRecord::BYTES, BLOCK - 60, BLOCK - 1, BLOCK] {
+            let file = DiskFile::from(tempfile::tempfile().unwrap());
+            let records = [record(key), record(other)].concat();
+            file.write_all_at(&records, at as u64).unwrap();
+            let end = (at + records.len()) as u64;
+            let next = (at + NodeRecord::BYTES) as u64;
+            let found = search(&file, 0, end).places;
+            assert_eq!(found, [(key.to_u64(), at as u64), (other.to_u64(), next)], "{at}");
+            assert_eq!(search(&file, 0, end - 1).places, found[..1], "{at}");
         }
     }
 }

@@ -263,6 +263,8 @@ fn scratch_path(path: &Path, folder: Option<&Path>) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use octree_store::{Operation, Watch};
+    use std::sync::Arc;
 
     fn prepare(path: &Path, start: Start) -> Result<Output, PreprocessError> {
         Output::prepare(&Disk::default(), path, &["in".into()], None, start)
@@ -344,6 +346,36 @@ mod tests {
         assert!(matches!(prepare(&other, Start::Resume), Err(PreprocessError::Exists { .. })));
         assert!(!left[1].exists());
         assert_eq!(fs::read_to_string(&other).unwrap(), "whole");
+    }
+
+    /// Another's work of the same name, begun at the moment in which the lock is given up with the name.
+    #[derive(Debug)]
+    struct Another;
+
+    impl Watch for Another {
+        fn before(&self, operation: Operation<'_>) -> io::Result<()> {
+            if let Operation::SyncFolder(folder) = operation {
+                let index = folder.join("a.octavo.index");
+                // It must not get the number of the file that was there.
+                fs::rename(&index, folder.join("old"))?;
+                fs::write(index, "another's")?;
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn anothers_work_of_the_same_name_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.octavo");
+        let disk = Disk::watched(Arc::new(Another));
+        let mut output = Output::prepare(&disk, &path, &["in".into()], None, Start::Fresh).unwrap();
+        for file in [&output.index, &output.scratch] {
+            fs::write(file, "ours").unwrap();
+        }
+        output.finish().unwrap();
+        assert!(!output.scratch.exists());
+        assert_eq!(fs::read_to_string(&output.index).unwrap(), "another's");
     }
 
     #[test]

@@ -398,6 +398,9 @@ fn a_repair_that_stops_at_any_operation_harms_nothing_and_can_be_done_again() {
                 if !faulty.was_reached() {
                     assert_eq!(done.unwrap().digest, bench.digest);
                     assert!(at > 1, "{what}");
+                    // What is said to be done stays done.
+                    faulty.restart(Left::Durable, &mut random);
+                    assert!(fs::read(&bench.store).unwrap() == whole, "{what}: not durable");
                     break;
                 }
                 if fault == Fault::Stops {
