@@ -128,6 +128,12 @@ pub(crate) fn check_node<T: Sample>(
 pub(crate) fn check_place(store: &Store, record: &NodeRecord) -> Result<(), StoreError> {
     let key = record.key;
     let wrong = |what| Err(store.damaged(key, Damage::Tree { what }));
+    let error = record.error;
+    let ranges = [record.brick_min, record.brick_max, record.subtree_min, record.subtree_max];
+    let errors = [error.squares, error.amax, record.lod_rms_bound, record.lod_amax_bound];
+    if !ranges.iter().all(|v| v.is_finite()) || !errors.iter().all(|v| v.is_finite() && *v >= 0.0) {
+        return wrong("a range is not finite, or an error no number from 0 up");
+    }
     if record.child_mask != store.geometry().child_mask(key) {
         return wrong("its child mask is not the geometry's");
     }

@@ -51,6 +51,7 @@ fn a_record_that_contradicts_the_tree_is_named_with_what_is_wrong() {
     let upside_down = "a range is upside down";
     let not_its_own = "its subtree's range does not hold its own";
     let not_a_childs = "its subtree's range does not hold a child's";
+    let not_finite = "a range is not finite, or an error no number from 0 up";
     let no_payload = "its state and its payload's length disagree";
     // Which record is changed and how, which one is called damaged, and why.
     let cases: &[(NodeKey, Change, NodeKey, &'static str)] = &[
@@ -67,6 +68,12 @@ fn a_record_that_contradicts_the_tree_is_named_with_what_is_wrong() {
         (leaf, |r| r.subtree_max = r.brick_max - 1.0, leaf, not_its_own),
         (leaf, |r| r.subtree_max = 65536.0, parent, not_a_childs),
         (leaf, |r| r.subtree_min = -1.0, parent, not_a_childs),
+        (leaf, |r| r.brick_min = f64::NAN, leaf, not_finite),
+        (leaf, |r| r.subtree_max = f64::NAN, leaf, not_finite),
+        (leaf, |r| r.error.squares = f64::NAN, leaf, not_finite),
+        (leaf, |r| r.error.amax = f64::INFINITY, leaf, not_finite),
+        (parent, |r| r.lod_amax_bound = f64::INFINITY, parent, not_finite),
+        (parent, |r| r.lod_rms_bound = -1.0, parent, not_finite),
         (leaf, |r| r.state = BrickState::Uniform, leaf, no_payload),
         (leaf, |r| r.state = BrickState::Empty, leaf, no_payload),
         (leaf, |r| r.state = BrickState::Lost, leaf, no_payload),

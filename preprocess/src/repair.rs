@@ -20,6 +20,7 @@ use octree_store::{
     StoreError, StoreWriter, with_sample_type,
 };
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// Payload after which what was written is committed, so that its records do not wait in memory.
 const COMMIT_BYTES: u64 = 64 << 20;
@@ -71,7 +72,7 @@ pub fn repair(
         digest: metadata.digest.clone(),
     };
     let payloads_alone = repair.repaired.iter().all(|node| node.damage == Damage::PayloadChecksum);
-    if repair.around.is_none() && payloads_alone {
+    if repair.around.is_none() && payloads_alone && lie_apart(store, &repair.repaired)? {
         let all = with_sample_type!(metadata.sample_type, T => {
             put_right::<T>(store, &again, &repair.repaired, progress)
         });
@@ -89,6 +90,33 @@ pub fn repair(
     });
     place.finish()?;
     Ok(repair)
+}
+
+/// Whether the places of damaged payloads, whose records are whole, are no other payload's too. What was made to harm
+/// may have a record whose checksum is right and that lies about its place.
+fn lie_apart(store: &Store, damaged: &[DamagedNode]) -> Result<bool, StoreError> {
+    let bytes_of = |record: &NodeRecord| {
+        let begin = record.place.offset;
+        begin..begin.saturating_add(record.place.length.into())
+    };
+    let mut places: Vec<(Range<u64>, NodeKey)> = records_of(store, damaged)?
+        .into_iter()
+        .map(|(key, record)| (bytes_of(&record), key))
+        .collect();
+    places.sort_unstable_by_key(|(bytes, _)| bytes.start);
+    let mut apart = places.is_sorted_by(|(a, _), (b, _)| a.end <= b.start);
+    for level in store.geometry().levels() {
+        store.visit_level(level, |record| {
+            let own = bytes_of(record);
+            let begun = places.partition_point(|(bytes, _)| bytes.start < own.end);
+            // Those that lie apart end in the order in which they begin.
+            let mut shared =
+                places[..begun].iter().rev().take_while(|(bytes, _)| bytes.end > own.start);
+            apart = apart && (own.is_empty() || shared.all(|(_, key)| *key == record.key));
+            apart
+        })?;
+    }
+    Ok(apart)
 }
 
 /// Puts damaged payloads right in place; false where one comes out otherwise than it was.

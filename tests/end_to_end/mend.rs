@@ -74,6 +74,43 @@ fn damaged_payloads_are_put_right_in_place() {
 }
 
 #[test]
+fn a_record_that_lies_about_its_place_costs_no_other_brick() {
+    let (bench, bytes) = bench("--encoding lossless");
+    let whole = digest(&bench, "a.octavo");
+    let other = payload(&bench, 0, [1, 1, 1]).start as u64 - PAGE as u64;
+    // In the place of another's payload, and across two.
+    for offset in [other, other + 5] {
+        let mut damaged = bytes.clone();
+        for record in records(&bytes, 0, [2, 1, 1]) {
+            damaged[record + 16..record + 24].copy_from_slice(&offset.to_le_bytes());
+            let checksum = XxHash3_64::oneshot(&damaged[record..record + 112]);
+            damaged[record + 112..record + 120].copy_from_slice(&checksum.to_le_bytes());
+        }
+        bench.write("a.octavo", &damaged);
+        let said = bench.ok(&format!("repair a.octavo --against {SOURCE} --json")).json();
+        let expected = listed(&[(0, [2, 1, 1])], "its payload fails its checksum");
+        assert_eq!((&said["repaired"], &said["in_place"]), (&expected, &json!(false)), "{said}");
+        bench.ok("verify a.octavo");
+        assert_eq!(digest(&bench, "a.octavo"), whole);
+    }
+}
+
+#[test]
+fn what_was_not_written_there_is_saved_with_a_word_about_it() {
+    let (bench, mut bytes) = bench("--encoding lossless");
+    for record in records(&bytes, 0, [2, 1, 1]) {
+        bytes[record + 28] ^= 1;
+        let checksum = XxHash3_64::oneshot(&bytes[record..record + 112]);
+        bytes[record + 112..record + 120].copy_from_slice(&checksum.to_le_bytes());
+    }
+    bench.ok("salvage a.octavo -o same.octavo");
+    bench.write("a.octavo", &bytes);
+    let said = bench.run("salvage a.octavo -o s.octavo --json");
+    assert_eq!((said.code, &said.json()["ok"]), (1, &json!(false)), "{}", said.out);
+    assert!(said.err.contains("does not give the digest"), "{}", said.err);
+}
+
+#[test]
 fn any_page_that_is_lost_is_made_anew_to_the_same_digest() {
     let (bench, bytes) = bench("--encoding u8 --empty-below 2500");
     let whole = digest(&bench, "a.octavo");

@@ -52,12 +52,20 @@ impl Salvage {
         bar.finish();
         let Salvaged { metadata, lost } = done?;
         let lost: Vec<_> = lost.iter().map(DamagedJson::from).collect();
-        let ok = lost.is_empty();
+        // All records are there then, but not those that were written together.
+        let strangers = lost.is_empty() && metadata.digest != store.metadata().digest;
+        let ok = lost.is_empty() && !strangers;
         if self.json {
             let schema = "octavo.salvage/1";
             print_json(&SalvageJson { schema, ok, bricks, lost, digest: &metadata.digest })?;
         } else {
             print(&self.output, bricks, &lost)?;
+        }
+        if strangers {
+            eprintln!(
+                "octavo: what was saved does not give the digest that {} had: some of it is not what was written there; hold it against the source (octavo verify --against)",
+                self.store.display()
+            );
         }
         Ok(if ok { Answer::Done } else { Answer::No })
     }

@@ -362,6 +362,10 @@ impl Store {
         if record.state == BrickState::Lost {
             return Err(self.damaged(record.key, Damage::Lost));
         }
+        payload.clear();
+        if length == 0 {
+            return Ok(());
+        }
         // What a damaged record asks for must not be allocated before it is there.
         let end = offset.checked_add(u64::from(length)).filter(|end| *end <= self.payload_bytes);
         let limit = 2 * self.geometry.brick_samples() * self.metadata.sample_type.bytes() + 1024;
@@ -379,9 +383,6 @@ impl Store {
                 self.unreadable(record.key, source)
             }
         })?;
-        if length == 0 {
-            return Ok(());
-        }
         payload::check(record, payload).map_err(|damage| self.damaged(record.key, damage))
     }
 

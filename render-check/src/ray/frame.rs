@@ -84,6 +84,11 @@ impl Frame {
         let whole = |v: DVec3| cell(v).as_ivec3().to_array();
         let rest = |v: DVec3| (v - cell(v)).as_vec3().to_array();
         let float = |v: DVec3| v.as_vec3().to_array();
+        // A camera's matrix may be scaled as it likes, so directions have any length: they get one near 1, by a power of
+        // two, which rounds nothing.
+        let longest = grid.longest_direction();
+        let scale = if longest.is_normal() { longest.log2().floor().exp2() } else { 1.0 };
+        let direction = |v: DVec3| float(v / scale);
         let shading = look.shading.unwrap_or_default();
         let light = shading.light.map_or(DVec3::ZERO, |l| DVec3::from_array(l).normalize_or_zero());
         let isovalue = if let Mode::Iso(value) = look.mode { look.normalised(value) } else { 0.0 };
@@ -91,16 +96,16 @@ impl Frame {
             origin_cell: whole(grid.origin),
             step_voxels: grid.step_voxels as f32,
             origin_frac: rest(grid.origin),
-            plane: grid.plane as f32,
+            plane: (grid.plane * scale) as f32,
             origin_across: float(grid.origin_across),
             blend_offset: grid.blend[0] as f32,
             origin_down: float(grid.origin_down),
-            blend_slope: grid.blend[1] as f32,
-            direction: float(grid.direction),
+            blend_slope: (grid.blend[1] / scale) as f32,
+            direction: direction(grid.direction),
             isovalue: isovalue as f32,
-            direction_across: float(grid.direction_across),
+            direction_across: direction(grid.direction_across),
             ambient: shading.ambient as f32,
-            direction_down: float(grid.direction_down),
+            direction_down: direction(grid.direction_down),
             diffuse: shading.diffuse as f32,
             spacing: float(grid.spacing),
             specular: shading.specular as f32,

@@ -88,6 +88,17 @@ impl RayGrid {
         }
     }
 
+    /// The greatest length of the directions at the image's corners.
+    pub(crate) fn longest_direction(&self) -> f64 {
+        let [across, down] =
+            [(self.size[0], self.direction_across), (self.size[1], self.direction_down)]
+                .map(|(pixels, turn)| f64::from(pixels) / 2.0 * turn);
+        [across + down, across - down, -across + down, -across - down]
+            .map(|turn| (self.direction + turn).length())
+            .into_iter()
+            .fold(0.0, f64::max)
+    }
+
     /// The ray of a pixel; `None` where it misses the volume. `end` is a world distance from the eye at which it ends.
     pub(crate) fn ray(&self, pixel: [u32; 2], end: f64) -> Option<PixelRay> {
         let [x, y] = [0, 1].map(|i| f64::from(pixel[i]) + 0.5 - f64::from(self.size[i]) / 2.0);
