@@ -379,6 +379,29 @@ mod tests {
     }
 
     #[test]
+    fn who_has_the_lock_has_the_file_of_that_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.octavo");
+        // Each removes the file when it lets go, while others wait for it or have just opened it.
+        let had: u32 = std::thread::scope(|scope| {
+            let workers = [(); 4].map(|()| {
+                scope.spawn(|| {
+                    let mut had = 0;
+                    for _ in 0..3000 {
+                        let Ok(output) = prepare(&path, Start::Replace) else { continue };
+                        let file = output.file.file().metadata().unwrap();
+                        assert_eq!(identity(&output.partial), Some((file.dev(), file.ino())));
+                        had += 1;
+                    }
+                    had
+                })
+            });
+            workers.into_iter().map(|worker| worker.join().unwrap()).sum()
+        });
+        assert!(had > 100, "{had}");
+    }
+
+    #[test]
     fn outputs_of_one_name_have_scratch_of_their_own() {
         let names = ["a/x.octavo", "b/x.octavo"]
             .map(|path| scratch_path(Path::new(path), Some(Path::new("s"))));
