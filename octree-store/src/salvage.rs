@@ -1,8 +1,8 @@
 //! What is whole of a damaged store, copied into a new one; the rest is marked as lost.
 //!
 //! A lost brick's record is kept where it is whole. Where it is not, its ranges are those of the nearest
-//! ancestor whose record is and fits the tree, or of the volume: they hold where that record and the metadata tell the truth, so that a renderer's emptiness
-//! tests stay right.
+//! ancestor whose record is and fits the tree, or of the volume: they hold where that record and the metadata
+//! tell the truth, so that a renderer's emptiness tests stay right.
 
 use crate::encoding::{Coding, Compression, Filter};
 use crate::error::{Damage, StoreError};

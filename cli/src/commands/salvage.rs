@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 /// Copy what is whole of a damaged store into a new one, and list what is not
 ///
 /// The new store knows which bricks are lost: to read one is an error, and pictures show the coarser level in its
-/// place. 'octavo repair' can make them anew where the source is found. Exit code 1 if anything is lost.
+/// place. 'octavo repair' can make them anew where the source is found. Exit code 1 if anything is lost, or
+/// if what was saved does not give the digest that the store had.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  \
     octavo salvage damaged.octavo -o saved.octavo --json")]
